@@ -327,19 +327,19 @@ class _Wires:
         path = np.array([*links, channel_end if reached else NOWHERE])
         spans: NDArray[np.int64] = np.empty((len(path), 2), np.int64)
         taken = link_kernels.carry(
-            path,
-            ROUTE.size if opens else 0,
-            tokens,
-            at,
-            self._hop_cycles,
-            self._credit_cycles,
-            NEVER,
-            self._cycles,
-            self._stuck,
-            buffers.busy,
-            buffers.freed,
-            buffers.passed,
-            spans,
+            path=path,
+            header=ROUTE.size if opens else 0,
+            tokens=tokens,
+            at=at,
+            hop_cycles=self._hop_cycles,
+            credit_cycles=self._credit_cycles,
+            never=NEVER,
+            cycles=self._cycles,
+            stuck=self._stuck,
+            busy=buffers.busy,
+            freed=buffers.freed,
+            passed=buffers.passed,
+            spans=spans,
         )
         self._times = lambda: [
             (link, begins, ends) for link, (begins, ends) in zip(links, spans[:-1].tolist(), strict=True)

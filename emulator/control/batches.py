@@ -118,20 +118,24 @@ class Batches:
         times = np.array(
             [dispatch.time.origin, began, PACKET_CYCLES, SORT_CYCLES, end, tail.sent, tail.period, tail.table, *cost]
         )
-        planned = np.empty((5, len(packets)), np.int64)
+        arrivals, starts, periods, gaps, free = planned = np.empty((5, len(packets)), np.int64)
         sequences, requested = updates.sequence.astype(np.int64), np.minimum(updates.period, 2**62).astype(np.int64)
         taken = plan_updates(
-            len(packets),
-            updates.reason,
-            updates.restart,
-            sequences,
-            requested,
-            updates.width,
-            POWER,
-            dispatch.agenda.recent,
-            numbers,
-            times,
-            *planned,
+            packets=len(packets),
+            reasons=updates.reason,
+            restarts=updates.restart,
+            sequences=sequences,
+            requested=requested,
+            widths=updates.width,
+            power=POWER,
+            recent=dispatch.agenda.recent,
+            numbers=numbers,
+            times=times,
+            arrivals=arrivals,
+            starts=starts,
+            periods=periods,
+            gaps=gaps,
+            free=free,
         )
         if not taken:
             return 0, began

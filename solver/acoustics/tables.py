@@ -164,13 +164,13 @@ def pressure_at(
     kernel(
         tables.elements,
         *tables.wave,
-        tables.turns,
-        tables.nepers,
-        tables.origin,
-        emitted,
-        tables.strength,
-        points,
-        pressure,
+        turns=tables.turns,
+        nepers=tables.nepers,
+        origin=tables.origin,
+        drive=emitted,
+        scale=tables.strength,
+        points=points,
+        pressure=pressure,
     )
     return pressure
 
@@ -186,8 +186,18 @@ def arrivals_at(tables: ArrayTables, array: TransducerArray, points: NDArray[np.
     re, im = np.empty((2, len(points), tables.elements.shape[1]), dtype=np.float32)
     kernel: Callable[..., None] = kernels.fill_transfer if len(tables.wave) == 1 else kernels.fill_transfer_by_table
     wanted, reach = np.zeros(len(points), dtype=np.float32), aligned(tables.elements.shape[1])
-    turns = type(tables.turns)(0)
-    kernel(tables.elements, *tables.wave, turns, tables.nepers, points, tables.origin, wanted, re, im, reach)
+    kernel(
+        tables.elements,
+        *tables.wave,
+        turns=type(tables.turns)(0),
+        nepers=tables.nepers,
+        points=points,
+        origin=tables.origin,
+        wanted=wanted,
+        re=re,
+        im=im,
+        reach=reach,
+    )
     arrivals = np.empty((len(points), len(array)), dtype=np.complex64)
     arrivals.real, arrivals.imag = re[:, : len(array)], im[:, : len(array)]
     return np.multiply(arrivals, np.float32(tables.strength), out=arrivals)

@@ -745,12 +745,16 @@ def update_frames(
         for i in range(padded):
             phases[0, i] = cold[0, i] if i < m else F(0)
             phases[1, i] = cold[1, i] if i < m else F(0)
-        found = _model(elements, directivity, turns, nepers, origin, bounds, farthest,
-                      points[begins[f] : begins[f + 1]], amplitudes[begins[f] : begins[f + 1]], work)  # fmt: skip
+        found = _model(
+            elements=elements, directivity=directivity, turns=turns, nepers=nepers,
+            origin=origin, bounds=bounds, farthest=farthest,
+            points=points[begins[f] : begins[f + 1]], amplitudes=amplitudes[begins[f] : begins[f + 1]], work=work,
+        )  # fmt: skip
         if found >= 0 and suspect < 0:
             suspect = f
         _begin(m, columns, gamma, phase_steps, power, phases, work)
-        _finish(elements, m, phases, mu, output, headroom, relaxation, steps, work, drives[f])
+        _finish(elements=elements, m=m, u=phases, mu=mu, output=output, headroom=headroom, relaxation=relaxation,
+                steps=steps, work=work, drive=drives[f])  # fmt: skip
     return suspect
 
 

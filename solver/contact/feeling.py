@@ -66,8 +66,9 @@ def feel(
     curved = curvature_of(scene, along, made_of, rows)
     carried, moved = carry(poses, quads, known, poses_before, quads_before, positions, marks)
     points, amplitudes, marked, fresh = follow(
-        vertices, made_of, rows, curved, spacing, most, moved, carried, marks, fresh
-    )
+        vertices=vertices, names=made_of, rows=rows, curvature=curved, spacing=spacing, most=most,
+        moved=moved, positions=carried, marks=marks, fresh=fresh,
+    )  # fmt: skip
     return vertices, along, made_of, rows, points, amplitudes, marked, fresh
 
 

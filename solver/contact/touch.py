@@ -151,9 +151,18 @@ class Toucher:
         if meshes != self._objects:
             known = self._enter(meshes)
         *cuts, self._positions, amplitudes, self._marks, self._fresh = self._feel(
-            *self._scene, self._poses, quads, known, before, self._quads, self._positions, self._marks,
-            self._fresh, self._spacing, self._most,
-        )  # fmt: skip
+            *self._scene,
+            poses=self._poses,
+            quads=quads,
+            known=known,
+            poses_before=before,
+            quads_before=self._quads,
+            positions=self._positions,
+            marks=self._marks,
+            fresh=self._fresh,
+            spacing=self._spacing,
+            most=self._most,
+        )
         self._quads = quads
         for whole in (*cuts, self._positions, amplitudes, self._marks):
             frozen(whole)

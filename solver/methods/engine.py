@@ -101,7 +101,18 @@ class CompiledEngine:
             kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
             return drive
         self._find_phases(m, ids)
-        kernels.finish(elements, m, self._u, self._mu, self._output, HEADROOM32, RELAXATION32, self._steps, work, drive)
+        kernels.finish(
+            elements=elements,
+            m=m,
+            u=self._u,
+            mu=self._mu,
+            output=self._output,
+            headroom=HEADROOM32,
+            relaxation=RELAXATION32,
+            steps=self._steps,
+            work=work,
+            drive=drive,
+        )
         if self._uses.polished:
             kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, work, drive)
         return drive
@@ -129,30 +140,30 @@ class CompiledEngine:
         self.forget()
         self._start(largest)
         suspect = kernels.update_frames(
-            tables.elements,
-            tables.wave[0],
-            tables.turns,
-            tables.nepers,
-            tables.origin,
-            tables.bounds,
-            REACH,
-            np.concatenate([points.positions for points in frames]),
-            np.concatenate([points.amplitudes for points in frames]),
-            begins,
-            first,
-            stride,
-            self._gamma,
-            options.phase_steps,
-            self._power,
-            self._cold,
-            self._mu,
-            self._output,
-            HEADROOM32,
-            RELAXATION32,
-            self._steps,
-            self._work,
-            aligned(self._cold.size),
-            drives,
+            elements=tables.elements,
+            directivity=tables.wave[0],
+            turns=tables.turns,
+            nepers=tables.nepers,
+            origin=tables.origin,
+            bounds=tables.bounds,
+            farthest=REACH,
+            points=np.concatenate([points.positions for points in frames]),
+            amplitudes=np.concatenate([points.amplitudes for points in frames]),
+            begins=begins,
+            first=first,
+            stride=stride,
+            gamma=self._gamma,
+            phase_steps=options.phase_steps,
+            power=self._power,
+            cold=self._cold,
+            mu=self._mu,
+            output=self._output,
+            headroom=HEADROOM32,
+            relaxation=RELAXATION32,
+            steps=self._steps,
+            work=self._work,
+            u=aligned(self._cold.size),
+            drives=drives,
         )
         self.forget()
         if suspect >= 0:

@@ -130,10 +130,14 @@ def drive_pair(
         padded = (k + LANES - 1) // LANES * LANES
         phases = u[: 2 * padded].reshape(2, padded)
         _carry(k, names, kept_ids[half, : counts[half]], kept[half], cold, nudge, phases)
-        found = _model(elements, directivity, turns, nepers, origin, bounds, farthest, points[:k], wanted[:k], work)
+        found = _model(
+            elements=elements, directivity=directivity, turns=turns, nepers=nepers,
+            origin=origin, bounds=bounds, farthest=farthest, points=points[:k], amplitudes=wanted[:k], work=work,
+        )  # fmt: skip
         suspect = max(suspect, found)
         _begin(k, columns, gamma, phase_steps, power, phases, work)
-        _finish(elements, k, phases, mu, output, headroom, relaxation, steps, work, drives[half])
+        _finish(elements=elements, m=k, u=phases, mu=mu, output=output, headroom=headroom, relaxation=relaxation,
+                steps=steps, work=work, drive=drives[half])  # fmt: skip
         levels[half] = _level(k, columns, True, work, drives[half]) / loudest
         counts[half] = k
         for i in range(k):
