@@ -320,7 +320,9 @@ def describe(data: bytes) -> None:
         describe_.describe_request(data[:8], data[8:], stalled=True),
     ):
         assert said.kind
-        json.dumps(dict(said.fields))
+        json.dumps(dict(said.fields), allow_nan=False)
+        assert "\n" not in said.summary
+        assert all("\n" not in finding.text for finding in said.findings)
 
 
 def recordings(data: bytes) -> None:

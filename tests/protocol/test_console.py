@@ -3,8 +3,6 @@ from __future__ import annotations
 import re
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from phasewire.errors import CommandError
 from phasewire.protocol.codes import ConsoleCode, Reason, Request
 from phasewire.protocol.console import (
@@ -113,38 +111,6 @@ def test_help_lists_every_command() -> None:
 
 
 # Typing
-
-
-TYPED = st.one_of(
-    st.binary(max_size=200),
-    st.lists(st.sampled_from([b"a", b"x" * 79, b"\x7f", b"\x08", b"\x15", b"\xff", b"\r", b"\n"]), max_size=30).map(
-        b"".join
-    ),
-)
-
-
-@given(TYPED, st.integers(0, 200))
-def test_lines_do_not_depend_on_how_the_bytes_are_cut(typed: bytes, place: int) -> None:
-    editor = LineEditor()
-    first, second = editor.feed(typed[:place]), editor.feed(typed[place:])
-    assert (first[0] + second[0], first[1] + second[1]) == LineEditor().feed(typed)
-
-
-def taken_or_refused(line: str) -> bool:
-    """Whether a line is a command or nothing; it may raise a `CommandError` with a printable text only."""
-    try:
-        command = parse_command(line)
-    except CommandError as error:
-        return format_error(ConsoleCode(error.reason), str(error)) == f"error {error.reason} {error}\r\n"
-    return command is None or command.name in COMMANDS
-
-
-WORDS = st.lists(st.one_of(st.sampled_from(list(COMMANDS)), st.from_regex(r"[0-9]{1,6}", fullmatch=True), st.text()))
-
-
-@given(st.one_of(st.text(), WORDS.map(" ".join)))
-def test_any_text_is_a_command_or_refused(line: str) -> None:
-    assert taken_or_refused(line)
 
 
 def test_endless_typing_takes_no_memory() -> None:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import struct
 import zlib
 from dataclasses import replace
@@ -453,30 +452,6 @@ def test_text_is_shown_on_one_line() -> None:
     assert describe_text(b"info\r\n\x1b[31m\xff").summary == "info\\r\\n\\x1b[31m\\xff"
     assert describe_text(b"\\xff").summary == "\\\\xff"
     assert describe_text(bytes(range(256))).fields["text"].encode("latin-1") == bytes(range(256))
-
-
-ANY = st.binary(max_size=700)
-
-
-@given(ANY, ANY | st.none(), st.booleans())
-def test_any_bytes_are_described_in_plain_values(data: bytes, answer: bytes | None, stalled: bool) -> None:
-    for described in (
-        describe_block(data),
-        describe_record(data),
-        describe_record(b"PS" + data),
-        describe_frame(data),
-        describe_text(data),
-        describe_image(data),
-        describe_message(data),
-        describe_request(data, answer, stalled=stalled),
-        describe_request(data[:8].ljust(8, b"\0"), answer, stalled=stalled),
-        describe_request(setup(0xC1, len(data) % 15, length=len(answer or b"")), answer),
-        describe_request(setup(0xA1, len(data) % 8, length=9), answer),
-        describe_request(setup(0x80, 6, len(data) % 16 * 256, length=9), answer),
-    ):
-        json.dumps(dict(described.fields), allow_nan=False)
-        assert "\n" not in described.summary
-        assert all("\n" not in finding.text for finding in described.findings)
 
 
 def test_the_named_clauses_exist() -> None:

@@ -41,7 +41,7 @@ from phasewire.protocol import (
     unpack,
     unpack_updates,
 )
-from phasewire.protocol.codes import Bank, ChannelEnd, DfuState, DfuStatus, ImageReason
+from phasewire.protocol.codes import Bank, ChannelEnd, ConsoleCode, DfuState, DfuStatus, ImageReason
 from phasewire.protocol.layout import chain as chain_layouts
 from phasewire.protocol.layout.firmware import IMAGE
 from phasewire.protocol.layout.serial import FRAME, SERIAL_REPLY, SERIAL_REQUEST
@@ -538,6 +538,8 @@ def test_commit(pairs: list[spec.Pulse], period: int, processor: int) -> None:
     commit = chain.Commit.of(period, chain.Slice(processor, packed))
     assert commit.checksum == spec.commit_checksum(packed, period)
     assert commit.guards(packed)
+    assert not commit.guards(packed[:-1] + bytes([packed[-1] ^ 1]))
+    assert not chain.Commit(processor, period ^ 1, commit.checksum).guards(packed)
 
 
 # Chapter SER
@@ -684,6 +686,7 @@ def parsed_line(line: str) -> tuple[str, int | None] | int | None:
     try:
         command = console.parse_command(line)
     except CommandError as error:
+        console.format_error(ConsoleCode(error.reason), str(error))  # its text is printable
         return error.reason
     return None if command is None else (command.name, command.argument)
 
@@ -713,13 +716,14 @@ keys = st.sampled_from((b"a", b" ", b"stop", b"\r", b"\n", b"\r\n", b"\x08", b"\
 typing = st.lists(st.one_of(keys, st.sampled_from((b"x" * 78, b"y" * 80, b"z" * 83))), max_size=10).map(b"".join)
 
 
-@given(typing, st.booleans())
+@given(typing, st.booleans(), st.sampled_from((1, 2, 3, 1000)))
 @settings(max_examples=300)
-def test_typing(data: bytes, echo: bool) -> None:
+def test_typing(data: bytes, echo: bool, at_once: int) -> None:
     expected, shown = spec.typed(data, echo)
-    found, sent = console.LineEditor(echo=echo).feed(data)
-    assert found == [line.decode("latin-1") for line in expected]
-    assert sent == (shown if echo else b"")
+    editor = console.LineEditor(echo=echo)
+    fed = [editor.feed(data[start : start + at_once]) for start in range(0, len(data), at_once)]
+    assert [line for found, _ in fed for line in found] == [line.decode("latin-1") for line in expected]
+    assert b"".join(sent for _, sent in fed) == (shown if echo else b"")
 
 
 # Chapter FWU
