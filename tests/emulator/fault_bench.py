@@ -4,56 +4,35 @@ from __future__ import annotations
 
 import numpy as np
 from phasewire import Emulator, Pulses
-from phasewire.emulator.door import Handshake
 from phasewire.emulator.ports.capture import Capture
-from phasewire.protocol import Ack, Block, Entries, Entry, PlaySequence, Reason, Slot, Status, Update, pack
-from phasewire.protocol.blocks import Body
+from phasewire.protocol import Entries, Entry, PlaySequence, Reason, Slot, Status, Update
 from phasewire.protocol.codes import Request
-from phasewire.protocol.replies import ProcessorReport, decode_reports, records
-from phasewire.protocol.requests import Setup
+from phasewire.protocol.replies import ProcessorReport, decode_reports
+
+from tests.emulator.hosts import FULL, Device
 
 MS = 400_000
 """In core cycles of 2.5 ns."""
-PERIODS_PER_MS = 40
-FULL = Pulses(np.full(320, 25), np.full(320, 25))
 HALF = Pulses(np.full(320, 25), np.full(320, 9))
 PLAYS = ("update", "sequence", "unattended")
 
 
-class Bench:
-    """A device whose outputs are enabled, and the blocks that it was sent."""
+class Bench(Device):
+    """A device whose outputs are enabled."""
 
     def __init__(self) -> None:
-        self.emulator = Emulator(serial="FAULTY")
-        self.configure()
-        self.order(Request.ENABLE)
+        super().__init__(Emulator(serial="FAULTY"), enabled=True)
 
-    def configure(self) -> None:
+    def configure(self, value: int = 1) -> None:
         """Begin a session."""
-        self.sent = 0
-        self.emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
-
-    def order(self, request: Request, value: int = 0) -> None:
-        """Send a vendor request without data."""
-        self.emulator.usb.control(Setup(0x41, request, value, 0, 0))
+        self.number = 0
+        super().configure(value)
 
     def status(self) -> Status:
-        return Status.decode(self.emulator.usb.control(Setup(0xC1, Request.STATUS, 0, 0, 64)))
+        return self.ask_status()
 
     def reports(self) -> list[ProcessorReport]:
-        return decode_reports(self.emulator.usb.control(Setup(0xC1, Request.PROCESSORS, 0, 0, 160)))
-
-    def send(self, body: Body) -> Ack:
-        """Send a block and read its acknowledgement; the test judges the reason."""
-        assert self.emulator.usb.bulk_out(0x01, pack(Block(body, self.sent))) is Handshake.ACK
-        self.sent += 1
-        *_, ack = (record for record in self.read() if isinstance(record, Ack))
-        return ack
-
-    def read(self) -> list[Ack | Status]:
-        """The records that wait."""
-        answer = self.emulator.usb.bulk_in(0x81)
-        return records(answer) if isinstance(answer, bytes) else []
+        return decode_reports(self.ask(Request.PROCESSORS, 160))
 
     def play(self, what: str, pulses: Pulses = FULL) -> None:
         """Start playing, and wait until all outputs have begun."""
@@ -66,14 +45,6 @@ class Bench:
             assert ack.reason is Reason.ACCEPTED
         self.emulator.run(40)
         assert self.status().enabled
-
-    def wait_ms(self, milliseconds: float) -> None:
-        """Let time pass, with the host silent."""
-        self.emulator.scheduler.run_until(self.emulator.scheduler.now + round(milliseconds * MS))
-
-    @property
-    def period(self) -> int:
-        return self.emulator.running.now_tick // 50
 
     def capture(self) -> Capture:
         """The outputs of this run; those of the last one if no firmware runs."""

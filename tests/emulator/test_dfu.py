@@ -167,6 +167,15 @@ def test_a_failure_is_seen_while_the_device_is_busy() -> None:
     assert bench.status() == error(DfuStatus.ERASE)
 
 
+def test_a_sector_that_is_not_erased_is_no_place_for_a_block() -> None:
+    bench = Bench()
+    bench.flash.defects.stuck_at_0[IMAGE_A + 1000] = 1
+    in_busy(bench)
+    bench.wait(128)
+    assert bench.status() == error(DfuStatus.CHECK_ERASED)
+    assert boot(bench.flash).image == FACTORY
+
+
 def test_a_download_waits_for_the_flash() -> None:
     """The flash goes on with the first sector after an error; the next download waits for it: 350 + 800 + 24 ms."""
     bench = Bench()

@@ -14,14 +14,15 @@ from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.faults import FAULTS, InjectedFault
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.errors import DeviceError, ReplyError
-from phasewire.protocol import Block, Entries, Entry, PlaySequence, Reason, Slot, State, Status, Update, pack
+from phasewire.protocol import Block, Entries, Entry, PlaySequence, Reason, Slot, State, Update, pack
 from phasewire.protocol.blocks import AmplitudeModulation, NoOp, Samples
 from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, Request
 from phasewire.protocol.dfu import DfuReply
 from phasewire.protocol.replies import ReadBack
 from phasewire.protocol.requests import Setup
 
-from tests.emulator.fault_bench import FULL, HALF, MS, PERIODS_PER_MS, PLAYS, Bench, playing
+from tests.emulator.fault_bench import HALF, MS, PLAYS, Bench, playing
+from tests.emulator.hosts import FULL, PERIODS_PER_MS
 
 CHAIN_BROKEN = Fault.CHAIN | Fault.PROCESSOR
 WATCHDOG_MS = 100
@@ -117,11 +118,11 @@ def test_the_table_has_one_of_each_fault() -> None:
 def test_outputs_do_not_stay_on_without_a_host(name: str, what: str) -> None:
     bench, fault = playing(what), ONE_OF_EACH[name]
     bench.emulator.inject(fault)
-    bench.wait_ms(silent_within_ms(name) + 1)  # six periods (clause SAF-004), and what a message takes
+    bench.run_ms(silent_within_ms(name) + 1)  # six periods (clause SAF-004), and what a message takes
     goes_on = what == "unattended" and name not in ENDS_THE_UNATTENDED
     if bench.emulator.controller is not None:
         end = bench.emulator.capture().end_tick
-        bench.wait_ms(1)
+        bench.run_ms(1)
         words = bench.emulator.capture().bits(end, end + 1000)
         if goes_on:
             assert words.any(axis=0).all()
@@ -139,12 +140,12 @@ def test_a_message_without_a_receiver_blocks_the_chain() -> None:
     bench = playing()
     bench.emulator.inject(faults.LostToken(message="slice", processor=3, token=0))
     bench.send(Update(HALF))
-    bench.wait_ms(2)
+    bench.run_ms(2)
     assert (bench.status().state, bench.status().faults) == (State.FAULT, CHAIN_BROKEN)
     assert bench.loud_now() == [25] * 10
     with pytest.raises(Stall, match="does not say what it plays"):
         bench.emulator.usb.control(Setup(0xC1, Request.PULSES, 0, 0, 496))
-    bench.wait_ms(DEAF_MS)
+    bench.run_ms(DEAF_MS)
     assert bench.loud_now() == [0] * 10
     bench.order(Request.CLEAR_FAULTS)
     assert bench.status().faults == CHAIN_BROKEN
@@ -160,7 +161,7 @@ def test_a_message_without_a_receiver_blocks_the_chain() -> None:
 def restart(bench: Bench) -> None:
     """Send RESET, and wait until the device is configured again."""
     bench.order(Request.RESET)
-    bench.wait_ms(0.2)
+    bench.run_ms(0.2)
     bench.emulator.run_until_started()
     bench.configure()
 
@@ -169,12 +170,12 @@ def test_a_processor_that_was_given_up_is_asked_again_once_it_plays() -> None:
     bench = playing()
     bench.emulator.inject(faults.LostToken(message="slice", processor=8))
     bench.order(Request.DISABLE)
-    bench.wait_ms(ROUND_MS + 1)
+    bench.run_ms(ROUND_MS + 1)
     bench.order(Request.CLEAR_FAULTS)
     bench.order(Request.ENABLE)
     bench.play("update")
     for _ in range(10):
-        bench.wait_ms(ROUND_MS)
+        bench.run_ms(ROUND_MS)
         assert bench.status().faults == Fault(0)
     assert bench.loud_now() == [25] * 10
 
@@ -184,13 +185,13 @@ def test_a_stop_that_is_lost_is_sent_again_too() -> None:
     bench = playing()
     bench.send(Samples(bytes([128]), 0))
     bench.send(AmplitudeModulation(first=0, count=1, hold=1))
-    bench.wait_ms(1)
+    bench.run_ms(1)
     assert bench.loud_now() == [8] * 10
     bench.emulator.inject(
         faults.LostToken(message="slice", processor=2), faults.LostToken(message="program", processor=2)
     )
     bench.order(Request.DISABLE)
-    bench.wait_ms(2 * ROUND_MS)
+    bench.run_ms(2 * ROUND_MS)
     bench.order(Request.ENABLE)
     bench.play("update")
     assert bench.loud_now() == [25] * 10
@@ -204,7 +205,7 @@ def test_commits_over_a_slow_link_come_too_late() -> None:
     bench = playing()
     bench.emulator.inject(faults.SlowLink(link=9, cycles_per_symbol=200))
     ack = bench.send(Update(HALF))
-    bench.wait_ms(ROUND_MS + 1)
+    bench.run_ms(ROUND_MS + 1)
     assert bench.loud_now() == [9] * 3 + [25] * 7
     assert (bench.status().faults, bench.status().missed_commits) == (Fault.CHAIN, 7)
     read = ReadBack.decode(bench.emulator.usb.control(Setup(0xC1, Request.PULSES, 0, 0, 496)))
@@ -242,10 +243,10 @@ def test_a_dead_part_is_low_at_once_and_found_within_30_ms(fault: InjectedFault,
     bench.emulator.run(2)
     words = bench.emulator.capture().bits(at - 5, at + 20)
     assert [words[:5, place].all() and not words[5:, place].any() for place in sorted(dead)] == [True] * len(dead)
-    bench.wait_ms(3 * ROUND_MS)
+    bench.run_ms(3 * ROUND_MS)
     assert bench.status().state is State.FAULT
     assert Fault.PROCESSOR in bench.status().faults
-    bench.wait_ms(DEAF_MS)
+    bench.run_ms(DEAF_MS)
     assert bench.loud_now() == [0] * 10
     bench.order(Request.CLEAR_FAULTS)
     assert Fault.PROCESSOR in bench.status().faults
@@ -305,7 +306,7 @@ def test_a_clock_error_is_found_by_its_second_tick(ppm: float, pulses: int) -> N
     assert bench.emulator.running.faults == Fault(0)
     bench.emulator.run_until(4096 * pulses + 3)
     assert bench.loud_now() == [25, 25, 0, 0, 25, 25, 25, 25, 25, 25]
-    bench.wait_ms(ROUND_MS + 1)
+    bench.run_ms(ROUND_MS + 1)
     assert bench.loud_now() == [0] * 10
     assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.SYNC)
     assert [place for place, report in enumerate(bench.reports()) if report.faults] == [2, 3]
@@ -330,25 +331,17 @@ def test_a_late_fault_without_a_clock_error_raises_no_sync(period: int) -> None:
     bench.emulator.run_until(period)
     bench.emulator.inject(faults.HotBoard(board=1, celsius=40))
     bench.emulator.run_until(period + 2 * 4096)
-    bench.wait_ms(ROUND_MS + 1)
+    bench.run_ms(ROUND_MS + 1)
     assert bench.emulator.running.faults == Fault(0)
     bench.emulator.inject(faults.ClockError(board=1, ppm=100))
     bench.emulator.run_until(period + 4 * 4096)
-    bench.wait_ms(ROUND_MS + 1)
+    bench.run_ms(ROUND_MS + 1)
     assert bench.emulator.running.faults == Fault.SYNC
 
 
-@pytest.mark.parametrize(("board", "silent"), [(None, set(range(10))), (2, {4, 5})])
-def test_a_lost_sync_line_is_found_at_the_next_pulse(board: int | None, silent: set[int]) -> None:
-    bench = playing("unattended")
-    bench.emulator.inject(faults.LostSync(board=board))
-    bench.emulator.run_until(4096)
-    assert bench.loud_now() == [25] * 10
-    bench.emulator.run_until(4098)
-    assert bench.loud_now() == [0 if place in silent else 25 for place in range(10)]
-    bench.wait_ms(ROUND_MS + 1)
-    assert bench.loud_now() == [0] * 10
-    assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.SYNC)
+def test_a_device_that_starts_without_its_sync_line_has_a_fault() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.LostSync(board=2))
     restart(bench)
     assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.SYNC)
 
@@ -363,7 +356,7 @@ def test_a_slow_processor_steps_late_through_a_sequence() -> None:
     bench.emulator.run_until(50)
     assert bench.loud(began, began + 1) == [25] * 4 + [0] + [25] * 5
     assert bench.loud(began + 1, began + 2) == [25] * 10
-    bench.wait_ms(ROUND_MS)
+    bench.run_ms(ROUND_MS)
     assert bench.status().faults == Fault.OVERRUN
 
 
@@ -427,7 +420,7 @@ def test_a_suspended_bus_turns_the_outputs_off_until_enable() -> None:
     assert bench.emulator.running.state is State.SUSPENDED
     assert bench.loud_now() == [0] * 10
     bench.emulator.run(1000)
-    assert [record.state for record in bench.read() if isinstance(record, Status)] == [State.OFF]
+    assert [record.state for record in bench.told()] == [State.OFF]
     assert bench.status().state is State.OFF
 
 
@@ -437,15 +430,15 @@ def test_the_watchdog_fires_when_the_host_falls_silent() -> None:
     last = bench.emulator.running.now_tick
     bench.emulator.inject(faults.SilentHost(periods=6000))
     for _ in range(14):
-        bench.wait_ms(10)
+        bench.run_ms(10)
         assert bench.emulator.usb.bulk_out(0x01, b"anything") is Handshake.NAK
         with pytest.raises(Stall, match="nothing that the host sends arrives"):
             bench.status()
     capture = bench.emulator.capture()
     loud = np.flatnonzero(capture.bits(last, capture.end_tick).any(axis=1))
     assert 100 * PERIODS_PER_MS * 50 <= loud[-1] <= (100 * PERIODS_PER_MS + 7) * 50
-    bench.wait_ms(20)
-    (told,) = (record for record in bench.read() if isinstance(record, Status))
+    bench.run_ms(20)
+    (told,) = bench.told()
     assert (told.state, told.watchdog_fired) == (State.OFF, True)
 
 
@@ -466,7 +459,7 @@ def test_a_device_without_power_does_not_start() -> None:
 def enter_dfu(bench: Bench) -> None:
     """Send DETACH, and enumerate the device again."""
     bench.emulator.usb.control(Setup(0x21, 0, 1000, 3, 0))
-    bench.wait_ms(100)
+    bench.run_ms(100)
     bench.emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
 
 
@@ -479,39 +472,13 @@ def download(bench: Bench) -> DfuReply:
             reply = DfuReply.decode(usb.control(Setup(0xA1, 3, 0, 0, 6)))
             if not reply.poll_ms:
                 break
-            bench.wait_ms(reply.poll_ms)
+            bench.run_ms(reply.poll_ms)
         if reply.state is DfuState.ERROR:
             break
     return reply
 
 
 IMAGE_A = 0x201000
-
-
-@pytest.mark.parametrize(
-    ("fault", "status"),
-    [
-        (faults.WriteProtectedFlash(), DfuStatus.WRITE),
-        (faults.FailingSector(sector=IMAGE_A // 4096), DfuStatus.ERASE),
-        (faults.FailingPage(page=IMAGE_A // 256), DfuStatus.PROG),
-        (faults.StuckFlashBit(address=IMAGE_A + 3000, bit=0, value=0), DfuStatus.CHECK_ERASED),
-        (faults.StuckFlashBit(address=IMAGE_A, bit=0, value=1), DfuStatus.VERIFY),
-    ],
-)
-def test_a_flash_that_fails_says_so_and_the_old_image_runs(fault: InjectedFault, status: DfuStatus) -> None:
-    bench = playing()
-    bench.emulator.inject(fault)
-    enter_dfu(bench)
-    assert (download(bench).status, download_is_over(bench)) == (status, DfuState.ERROR)
-    bench.emulator.usb.reset()
-    bench.emulator.run_until_started()
-    bench.configure()
-    assert bench.reports()[0].bank is Bank.FACTORY
-    assert bench.status().faults == Fault(0)
-
-
-def download_is_over(bench: Bench) -> int:
-    return bench.emulator.usb.control(Setup(0xA1, 5, 0, 0, 1))[0]
 
 
 def test_a_flash_that_works_again_takes_the_image() -> None:
@@ -539,7 +506,7 @@ def test_a_device_without_a_bootable_image_stays_off_the_bus() -> None:
     bench = playing()
     bench.emulator.inject(faults.StuckFlashBit(address=0x101000, bit=4, value=0))
     bench.order(Request.RESET)
-    bench.wait_ms(1)
+    bench.run_ms(1)
     assert not bench.emulator.usb.attached
     assert "nothing in this flash boots" in bench.emulator.events[-1].what
     with pytest.raises(DeviceError, match="does not start"):
@@ -565,7 +532,7 @@ def test_a_broken_part_is_still_broken_after_a_power_cut(fault: InjectedFault, f
     bench = Bench()
     bench.emulator.inject(fault)
     bench.emulator.inject(faults.PowerCut(periods=40))
-    bench.wait_ms(2)
+    bench.run_ms(2)
     bench.emulator.run_until_started()
     bench.configure()
     assert bench.status().faults == Fault(0)
@@ -573,7 +540,7 @@ def test_a_broken_part_is_still_broken_after_a_power_cut(fault: InjectedFault, f
     bench.play("unattended")
     bench.send(Update(HALF))
     bench.play("unattended")
-    bench.wait_ms(120)
+    bench.run_ms(120)
     assert bench.status().faults == found
     if isinstance(fault, faults.StuckHigh):
         assert bench.loud_now() == [50] + [25] * 9
@@ -610,7 +577,7 @@ def test_a_fault_begins_at_its_period_whatever_a_door_does(ahead: int) -> None:
                 bench.emulator.run(1)
             taken = 512
         sent += taken
-    bench.wait_ms(ROUND_MS + 1)
+    bench.run_ms(ROUND_MS + 1)
     status = bench.status()
     assert (status.accepted, status.faults, status.missed_commits) == (201, Fault.CHAIN, 3)
     high = bench.emulator.capture().channels(50 * period - 60, 50 * period + 60)[:, 2 * 32]
@@ -644,7 +611,7 @@ def test_faults_are_logged() -> None:
     bench.emulator.inject(
         faults.StuckLow(processor=1, bit=2, periods=40), faults.LostToken(message="collect", processor=5)
     )
-    bench.wait_ms(20)
+    bench.run_ms(20)
     said = [(event.where, event.what) for event in bench.emulator.events if event.where in ("fault", "chain")]
     assert said == [
         ("fault", "stuck-low: periods 40, processor 1, bit 2, begins"),

@@ -261,11 +261,7 @@ FIELDS = ("first", "count", "hold", "repeats", "action", "entries", "samples")
 
 def carry_out(bench: Bench, what: str, value: dict[str, Any]) -> None:
     """Carry out one step of the host."""
-    fields = {
-        name: value[name]
-        for name in ("first", "count", "hold", "repeats", "action", "entries", "samples")
-        if name in value
-    }
+    fields = {name: value[name] for name in FIELDS if name in value}
     ahead = value.get("ahead")
     period = 0 if ahead is None else max(1, bench.period + ahead)
     flags = Flag.RESTART * value.get("restart", 0) | Flag.UNATTENDED * value.get("unattended", 0)
@@ -462,63 +458,6 @@ def test_updates_for_as_soon_as_possible_keep_the_rate(bench: Bench) -> None:
         if (ack := bench.send(Kind.UPDATE, pulses=pulses(len(commits) % 4))) is not None:
             commits.append(ack["commit_period"])
     assert commits[-1] - commits[0] <= 59 * bench.referee.turn
-    bench.finish(3)
-
-
-def test_a_change_may_be_2_to_the_32_periods_ahead_and_no_further(bench: Bench) -> None:
-    """Clause BLK-010."""
-    bench.until(3 * PERIOD)
-    bench.enable()
-    furthest = 3 + 2**32
-    assert bench.refused(Kind.UPDATE, pulses=pulses(1), period=furthest + 1) == Reason.HORIZON
-    assert bench.accepted(Kind.UPDATE, pulses=pulses(1), period=furthest) == furthest
-    bench.disable()
-    bench.finish(3)
-
-
-def test_the_drive_limit_holds_for_new_and_earlier_stores(bench: Bench) -> None:
-    """Clause SAF-006: a pulse of 25 ticks has the power 1000, one of a tick 4."""
-    at_limit = ((0, 25),) * 100 + ((0, 0),) * 220
-    above = ((0, 25),) * 100 + ((0, 1),) + ((0, 0),) * 219
-    bench.until(3 * PERIOD)
-    bench.accepted(Kind.SLOT, first=0, pulses=above)
-    bench.accepted(Kind.ENTRIES, first=0, count=2, entries=((0, 1), (1, 1)))
-    bench.limit(100)
-    assert bench.refused(Kind.SLOT, first=1, pulses=above) == Reason.DRIVE
-    bench.accepted(Kind.SLOT, first=2, pulses=at_limit)
-    bench.enable()
-    assert bench.refused(Kind.UPDATE, pulses=above) == Reason.DRIVE
-    bench.accepted(Kind.UPDATE, pulses=at_limit)
-    assert bench.refused(Kind.SEQUENCE, first=0, count=1) == Reason.DRIVE
-    assert bench.refused(Kind.SEQUENCE, first=0, count=2) == Reason.DRIVE  # though slot 1 is empty
-    bench.finish(3)
-
-
-def test_what_plays_is_in_use_until_the_boundary_at_which_it_ends(bench: Bench) -> None:
-    bench.until(3 * PERIOD)
-    bench.enable()
-    refused = bench.refused
-    assert refused(Kind.SEQUENCE, first=0, count=2, repeats=3) == Reason.EMPTY
-    bench.accepted(Kind.SLOT, first=7, pulses=pulses(1))
-    bench.accepted(Kind.ENTRIES, first=0, count=2, entries=((7, 2), (8, 3)))
-    assert refused(Kind.SEQUENCE, first=0, count=2, repeats=3) == Reason.EMPTY
-    begins = bench.accepted(Kind.SEQUENCE, first=0, count=1, repeats=3, period=40)
-    assert begins == 40
-    assert refused(Kind.SLOT, first=7, pulses=pulses(1)) == Reason.IN_USE
-    assert refused(Kind.ENTRIES, first=0, count=1, entries=((8, 1),)) == Reason.IN_USE
-    bench.accepted(Kind.ENTRIES, first=1, count=1, entries=((7, 1),))
-    bench.accepted(Kind.SLOT, first=8, pulses=pulses(2))
-    bench.until(46 * PERIOD - 1)
-    assert refused(Kind.SLOT, first=7, pulses=pulses(3)) == Reason.IN_USE
-    bench.wait(1)
-    bench.accepted(Kind.SLOT, first=7, pulses=pulses(3))
-    bench.accepted(Kind.SAMPLES, first=100, count=2, samples=(9, 200))
-    assert refused(Kind.MODULATION, first=99, count=2, hold=1) == Reason.EMPTY
-    bench.accepted(Kind.MODULATION, first=101, count=1, hold=1)
-    assert refused(Kind.SAMPLES, first=100, count=2, samples=(9, 200)) == Reason.IN_USE
-    bench.accepted(Kind.OUTPUT, action=Action.END_MODULATION, period=70)
-    bench.until(70 * PERIOD)
-    bench.accepted(Kind.SAMPLES, first=100, count=2, samples=(9, 200))
     bench.finish(3)
 
 

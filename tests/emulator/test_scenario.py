@@ -73,8 +73,8 @@ def test_two_runs_of_a_scenario_are_alike(tmp_path: Path) -> None:
         for _ in range(100):
             if bench.send(Update(HALF)).reason is not Reason.ACCEPTED:
                 break
-            bench.wait_ms(1)
-        bench.wait_ms(150)
+            bench.run_ms(1)
+        bench.run_ms(150)
         captures = [*bench.emulator.past, bench.emulator.capture()]
         words = [capture.bits(0, capture.end_tick).tobytes() for capture in captures]
         return words, list(bench.emulator.events)

@@ -6,7 +6,6 @@ import pytest
 from phasewire import Emulator
 from phasewire.emulator.door import Stall
 from phasewire.protocol.blocks import (
-    AmplitudeModulation,
     Entries,
     Entry,
     PlaySequence,
@@ -15,7 +14,7 @@ from phasewire.protocol.blocks import (
     Update,
 )
 from phasewire.protocol.codes import Fault, Request, State
-from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
+from phasewire.protocol.timing import FIVE_WIRE, Link
 
 from tests.emulator.hosts import FULL, HALF, PERIOD, Device, Terminal
 
@@ -34,31 +33,6 @@ def stocked(*, unfolded: bool = True, link: Link = FIVE_WIRE) -> Device:
 
 
 # Effects of a transition (the last column of clause STA-003)
-
-
-@pytest.mark.parametrize("link", [FIVE_WIRE, TWO_WIRE], ids=lambda link: link.name)
-@pytest.mark.parametrize("phase", range(0, PERIOD, 1234))
-@pytest.mark.parametrize("what", ["update", "sequence", "modulated", "waiting"])
-def test_silence_comes_within_six_periods(link: Link, phase: int, what: str) -> None:
-    """Clause SAF-004, at any time of the request and with anything on the chain."""
-    device = stocked(unfolded=False, link=link)
-    device.order(Request.ENABLE)
-    soon = device.period + 10
-    if what == "modulated":
-        device.send(AmplitudeModulation(0, 2, hold=1, period=soon - 3))
-    if what == "sequence":
-        device.send(FOR_EVER)
-    else:
-        device.send(Update(FULL, soon))
-    if what == "waiting":
-        device.send_in_time(*(Update(HALF) for _ in range(4)))
-    device.run_until((soon + 1) * PERIOD + phase)
-    device.order(Request.DISABLE)
-    at = device.period
-    device.run(400)
-    assert at in device.high_periods()
-    assert max(device.high_periods()) < at + 6
-    assert device.status().missed_commits == 0
 
 
 @pytest.mark.parametrize("unfolded", [False, True])

@@ -5,21 +5,16 @@ from __future__ import annotations
 import pytest
 from phasewire import Emulator
 from phasewire.protocol.blocks import (
-    AmplitudeModulation,
-    Body,
     Entries,
     Entry,
-    Output,
     PlaySequence,
-    Samples,
     Slot,
     Update,
 )
-from phasewire.protocol.codes import Action, Fault, Request, State
-from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
+from phasewire.protocol.codes import Fault, Request, State
+from phasewire.protocol.timing import Link
 
 from tests.emulator.hosts import FULL, HALF, PERIOD, Device, pulses
-from tests.from_spec import modulated_width
 
 
 @pytest.fixture(params=[False, True], ids=["folded", "unfolded"])
@@ -34,28 +29,6 @@ def heard(device: Device, first: int, last: int) -> list[int]:
 
 
 # Sequences (BLK-013 to BLK-015)
-
-
-@pytest.mark.parametrize(("link", "apart"), [(FIVE_WIRE, 1), (TWO_WIRE, 2)], ids=["5wire", "2wire"])
-def test_stores_go_between_updates_at_the_rate_that_holds(unfolded: bool, link: Link, apart: int) -> None:
-    """Clause BLK-007; they make no update late, and arrive in time themselves."""
-    device = Device(Emulator(unfolded=unfolded, link=link), enabled=True)
-    stores: dict[int, Body] = {
-        10: Slot(200, pulses(20)),
-        20: Slot(201, pulses(21)),
-        30: Entries(tuple(Entry(200 + n % 2, 1) for n in range(120)), 500),
-        40: Samples(bytes([128, 255] * 240)),
-    }
-    at = device.period + 10
-    for n in range(60):
-        device.send_in_time(*([stores[n]] if n in stores else []), Update(pulses(1 + n % 25), at + n * apart))
-    sequence, modulation = device.send_in_time(PlaySequence(500, 120), AmplitudeModulation(0, 2, 1))
-    assert modulation.commit_period == sequence.commit_period + 1
-    updates = [1 + n % 25 for n in range(60)]
-    assert heard(device, at, at + 60 * apart)[::apart] == updates
-    begins = sequence.commit_period
-    assert heard(device, begins, begins + 7) == [20, modulated_width(21, 128)] * 3 + [20]
-    assert (device.status().late, device.status().missed_commits) == (0, 0)
 
 
 SLOW = Link("slow", 5, 4, cycles_per_symbol=40)
@@ -88,18 +61,6 @@ def test_a_sequence_waits_for_questions_between_its_stores_too() -> None:
 
 
 # When changes take effect (BLK-005, BLK-007, BLK-012 and BLK-018)
-
-
-@pytest.mark.parametrize("wait", range(0, 3 * PERIOD, 700))
-def test_a_disabling_change_drops_one_close_after_it(unfolded: bool, wait: int) -> None:
-    device = Device(Emulator(unfolded=unfolded), enabled=True)
-    device.send(Output(Action.DISABLE, 20))
-    device.run_until(17 * PERIOD + wait)
-    device.send(Update(FULL))
-    device.run(30)
-    assert device.high_periods() == set()
-    assert (device.status().faults, device.status().missed_commits) == (Fault(0), 0)
-    assert device.state is State.OFF
 
 
 # Read-back (REQ-007)
