@@ -128,21 +128,6 @@ def test_the_numbers_of_the_functional_descriptor() -> None:
     assert (CLASS_REQUEST_TYPE_OUT, CLASS_REQUEST_TYPE_IN) == (0b00100001, 0b10100001)
 
 
-# GETSTATUS
-
-REPLIES = st.builds(
-    DfuReply, st.sampled_from(DfuStatus), st.integers(0, 2**24 - 1), st.sampled_from(DfuState), st.integers(0, 255)
-)
-
-
-@given(REPLIES)
-def test_replies_survive_encoding_and_decoding(reply: DfuReply) -> None:
-    data = reply.encode()
-    assert data[:1] + data[4:] == bytes([reply.status, reply.state, reply.string])
-    assert int.from_bytes(data[1:4], "little") == reply.poll_ms
-    assert DfuReply.decode(data) == reply
-
-
 # Time and blocks
 
 
@@ -152,9 +137,7 @@ def test_a_reply_that_does_not_fit_is_a_wrong_argument(poll_ms: int) -> None:
         DfuReply(DfuStatus.OK, poll_ms, DfuState.DFU_IDLE).encode()
 
 
-def test_busy_times_by_hand() -> None:
-    """Two sectors and eight pages, no sector and eight pages, one sector and eight pages."""
-    assert [program_ms(number) for number in range(4)] == [128, 8, 68, 8]
+def test_busy_times_are_the_specification_s() -> None:
     assert all(0 < program_ms(number) < BUSY_LONGEST_MS for number in range(353))
     assert f"{MANIFEST_MS} ms for manifestation" in " ".join(SPEC.split())
     assert f"not over after {BUSY_LONGEST_MS // 1000} s MUST fail" in " ".join(SPEC.split())

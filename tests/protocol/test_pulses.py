@@ -54,19 +54,9 @@ def test_silence_has_one_form() -> None:
     assert Pulses.from_drive([0, 0.001j, -0.02]) == Pulses.silent(3)
 
 
-@pytest.mark.parametrize(
-    ("drive", "message"),
-    [
-        ([0.5, np.nan], "drive of transducer 1 is .*nan.*; it must be finite"),
-        ([0.5, 1j * np.inf], "drive of transducer 1 .* finite"),
-        ([0.0, 0.0, 1.5j], "drive of transducer 2 has magnitude 1.5; at most 1"),
-        ([1.00001], "magnitude 1.00001; at most 1"),
-        ([[1.0]], r"shape \(n,\), not \(1, 1\)"),
-    ],
-)
-def test_an_error_names_a_bad_drive(drive: list[complex], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        Pulses.from_drive(drive)
+def test_an_error_names_a_wrong_shape() -> None:
+    with pytest.raises(ValueError, match=r"shape \(n,\), not \(1, 1\)"):
+        Pulses.from_drive([[1.0]])
 
 
 def test_rounding_of_single_precision_is_tolerated() -> None:

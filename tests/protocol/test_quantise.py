@@ -43,17 +43,6 @@ def test_the_nearest_of_all_exact_pulses(frames: list[np.ndarray]) -> None:
     assert_nearest(np.array(frames))
 
 
-@given(st.lists(drives(40), min_size=1, max_size=4))
-def test_the_same_pulses_as_one_by_one(frames: list[np.ndarray]) -> None:
-    """Or others at the same distance."""
-    both = quantise(np.array(frames))
-    for drive, phase, width in zip(frames, *both, strict=True):
-        slow = Pulses.from_drive(drive)
-        differ = (slow.phase != phase) | (slow.width != width)
-        fast = np.abs(Pulses(phase, width).to_drive() - drive)
-        np.testing.assert_allclose(fast[differ], np.abs(slow.to_drive() - drive)[differ], rtol=0, atol=ROUNDING)
-
-
 def test_all_over_the_disc() -> None:
     rng = np.random.default_rng(3)
     assert_nearest(np.sqrt(rng.random((10, 400))) * np.exp(2j * np.pi * rng.random((10, 400))))

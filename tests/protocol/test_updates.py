@@ -25,13 +25,11 @@ def as_rows(data: list[bytes]) -> np.ndarray:
     return np.frombuffer(b"".join(data), np.uint8).reshape(-1, 512)
 
 
-@given(PHASES, st.integers(0, 2**32 - 1), SEQUENCES, st.data(), st.booleans())
-def test_the_same_blocks_as_one_by_one(
-    phase: np.ndarray, seed: int, first: int, data: st.DataObject, restart: bool
+def assert_the_same_one_by_one(
+    phase: np.ndarray, width: np.ndarray, first: int, periods: np.ndarray, restart: bool
 ) -> None:
+    """Blocks packed at once are those packed one by one, and are unpacked to the same values."""
     k = len(phase)
-    width = np.random.default_rng(seed).integers(0, 26, (k, 320), dtype=np.uint8)
-    periods = np.array(data.draw(st.lists(PERIODS, min_size=k, max_size=k)), np.uint64)
     packed = pack_updates(phase, width, first, periods, restart=restart)
     assert packed.shape == (k, 512)
     for n in range(k):
@@ -46,21 +44,21 @@ def test_the_same_blocks_as_one_by_one(
     assert updates.restart.tolist() == [restart and n == 0 for n in range(k)]
 
 
+@given(PHASES, st.integers(0, 2**32 - 1), SEQUENCES, st.data(), st.booleans())
+def test_the_same_blocks_as_one_by_one(
+    phase: np.ndarray, seed: int, first: int, data: st.DataObject, restart: bool
+) -> None:
+    k = len(phase)
+    width = np.random.default_rng(seed).integers(0, 26, (k, 320), dtype=np.uint8)
+    periods = np.array(data.draw(st.lists(PERIODS, min_size=k, max_size=k)), np.uint64)
+    assert_the_same_one_by_one(phase, width, first, periods, restart)
+
+
 def test_a_long_batch_is_the_same_blocks_across_the_wrap() -> None:
-    k, first = 600, 2**32 - 300
-    phase = JUNK.integers(0, 100, (k, 320), dtype=np.uint8)
-    width = JUNK.integers(0, 26, (k, 320), dtype=np.uint8)
-    periods = JUNK.integers(0, 2**64, k, dtype=np.uint64)
-    packed = pack_updates(phase, width, first, periods)
-    for n in range(k):
-        body = Update(Pulses(phase[n], width[n]), int(periods[n]))
-        assert packed[n].tobytes() == pack(Block(body, (first + n) % 2**32))
-    updates = unpack_updates(packed)
-    assert not updates.reason.any()
-    assert np.array_equal(updates.phase, phase)
-    assert np.array_equal(updates.width, width)
-    assert np.array_equal(updates.period, periods)
-    assert updates.sequence.tolist() == [(first + n) % 2**32 for n in range(k)]
+    phase = JUNK.integers(0, 100, (600, 320), dtype=np.uint8)
+    width = JUNK.integers(0, 26, (600, 320), dtype=np.uint8)
+    periods = JUNK.integers(0, 2**64, 600, dtype=np.uint64)
+    assert_the_same_one_by_one(phase, width, 2**32 - 300, periods, restart=False)
 
 
 @pytest.mark.parametrize(("name", "wrong"), [("phase", 100), ("phase", 127), ("width", 26), ("width", 31)])
@@ -73,16 +71,6 @@ def test_a_reserved_pulse_is_refused_in_every_place(name: str, wrong: int) -> No
         payload = pairs.view(np.uint8).reshape(-1, 4)[:, :3].tobytes()
         blocks.append(seal_block(update(Pulses.silent(320), 1)[:32] + payload))
     assert (unpack_updates(as_rows(blocks)).reason == Reason.PULSE).all()
-
-
-def test_every_single_bit_flip_is_refused() -> None:
-    block = pack_updates(
-        JUNK.integers(0, 100, (1, 320), dtype=np.uint8), JUNK.integers(0, 26, (1, 320), dtype=np.uint8), 7
-    )[0]
-    flipped = np.repeat(block[None], 4096, axis=0)
-    bits = np.arange(4096)
-    flipped[bits, bits // 8] ^= (1 << bits % 8).astype(np.uint8)
-    assert (unpack_updates(flipped).reason == Reason.CHECKSUM).all()
 
 
 def test_one_period_holds_for_all() -> None:
