@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash, FlashTimes
+from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.errors import InputFileError
 
@@ -52,30 +52,6 @@ def test_erasing_sets_a_sector_to_ones_and_wears_it() -> None:
     assert flash.erasures.nonzero()[0].tolist() == [2]
     flash.erase(0x2000)
     assert flash.erasures[2] == 2
-
-
-def test_it_takes_the_typical_time() -> None:
-    """Clause DFU-008: 60 ms for a sector, 1 ms for a page."""
-    flash = Flash()
-    scheduler = powered(flash)
-    flash.erase(0)
-    assert flash.busy_until == 24_000_000
-    scheduler.run_until(24_000_000 - 1)
-    assert flash.busy
-    scheduler.run_until(24_000_000)
-    assert not flash.busy
-    flash.program(0, b"\0")
-    assert flash.busy_until == 24_400_000
-
-
-def test_a_slow_flash_takes_longer() -> None:
-    flash = Flash(times=FlashTimes(erase_ms=400, program_ms=3))
-    scheduler = powered(flash)
-    flash.erase(0)
-    assert flash.busy_until == 400 * MS
-    scheduler.run_until(400 * MS)
-    flash.program(0, b"\0")
-    assert flash.busy_until == 403 * MS
 
 
 @pytest.mark.parametrize(
