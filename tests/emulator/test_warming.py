@@ -14,9 +14,9 @@ def test_all_kernels_of_batches_are_called(monkeypatch: pytest.MonkeyPatch) -> N
     for name in batch_kernels.__all__:
         kernel = getattr(batch_kernels, name)
 
-        def noted(*arguments: Any, _name: str = name, _kernel: Any = kernel) -> Any:
+        def noted(*arguments: Any, _name: str = name, _kernel: Any = kernel, **named: Any) -> Any:
             called.append(_name)
-            return _kernel(*arguments)
+            return _kernel(*arguments, **named)
 
         monkeypatch.setattr(batch_kernels, name, noted)
     load_kernels()
