@@ -145,15 +145,21 @@ def test_an_image_that_came_up_boots_again_and_again(bench: Bench) -> None:
         expect("the faults", bench.status().faults, Fault(0))
 
 
-@flashing("FWU-020/1", "FWU-020", "FWU-019", needs=(Need.POWER,))
-def test_an_image_that_never_came_up_does_not_boot_again(bench: Bench) -> None:
-    """New firmware that was started and not confirmed is replaced by the previous one, and FLASH reports it."""
+def upgraded_in_vain(bench: Bench) -> Bank:
+    """Flash an image that never comes up; returns the bank of before, which boots again."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
         line.flash(_own(line))
         _power(bench)  # it boots on trial, and no host configures it
         bench.power_cycle()
     expect("the bank that boots", settled_with_fault(bench), before)
+    return before
+
+
+@flashing("FWU-020/1", "FWU-020", "FWU-019", needs=(Need.POWER,))
+def test_an_image_that_never_came_up_does_not_boot_again(bench: Bench) -> None:
+    """New firmware that was started and not confirmed is replaced by the previous one, and FLASH reports it."""
+    upgraded_in_vain(bench)
     upgraded(bench)  # over the image that never came up
 
 
@@ -184,12 +190,7 @@ def test_what_comes_before_configuration_does_not_confirm_an_image(bench: Bench,
 @flashing("FWU-018/3", "FWU-018", needs=(Need.FAULTS, Need.POWER))
 def test_a_record_that_may_not_boot_is_gone_even_where_it_cannot_be_erased(bench: Bench) -> None:
     """The record of an image that never came up is overwritten before its sector is erased, so that none is left."""
-    before = upgraded(bench)
-    with dfu_mode(bench) as line:
-        line.flash(_own(line))
-        _power(bench)  # it boots on trial, and no host configures it
-        bench.power_cycle()
-    expect("the bank that boots", settled_with_fault(bench), before)
+    before = upgraded_in_vain(bench)
     sector = idle_bank(before).record_address // FLASH_SECTOR_BYTES
     with dfu_mode(bench) as line:
         bench.levers.cause(faults.FailingSector(sector=sector, periods=round(STUCK_SECONDS * CARRIER_HZ)))

@@ -425,6 +425,14 @@ def test_time_goes_on_while_the_bus_is_suspended(bench: Bench) -> None:
     )
 
 
+def judge_silence_since(bench: Bench, began: float) -> None:
+    """Judge that all outputs are low from 10 ms after a time of the line's clock until now."""
+    passed = bench.line.time.monotonic() - began
+    last = bench.period()
+    first = last - int(CARRIER_HZ * passed * (1 - CLOCK_ERROR)) + OFF_PERIODS + 1
+    bench.judge(first, last, check_silent)
+
+
 @case("USB-020", "SAF-004/1", needs=(*SUSPEND, Need.CAPTURE), allow=(Risk.RESET,), line="usb")
 def test_the_outputs_are_off_while_the_bus_is_suspended(bench: Bench) -> None:
     """All outputs are low from 10 ms after the last activity on the bus, and stay low after resume."""
@@ -432,10 +440,7 @@ def test_the_outputs_are_off_while_the_bus_is_suspended(bench: Bench) -> None:
     with suspended(bench):
         began = bench.line.time.monotonic()
         bench.wait(0.05)
-    passed = bench.line.time.monotonic() - began
-    last = bench.period()
-    first = last - int(CARRIER_HZ * passed * (1 - CLOCK_ERROR)) + OFF_PERIODS + 1
-    bench.judge(first, last, check_silent)
+    judge_silence_since(bench, began)
 
 
 @case("USB-020", "SAF-005", "STA-003", needs=SUSPEND, features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
@@ -546,10 +551,7 @@ def test_the_outputs_are_off_once_the_cable_is_pulled(bench: Bench) -> None:
     began = bench.line.time.monotonic()
     with unplugged(bench):
         bench.wait(0.05)
-    passed = bench.line.time.monotonic() - began
-    last = bench.period()
-    first = last - int(CARRIER_HZ * passed * (1 - CLOCK_ERROR)) + OFF_PERIODS + 1
-    bench.judge(first, last, check_silent)
+    judge_silence_since(bench, began)
 
 
 @case("SAF-005", "USB-020", "USB-003", needs=PLUG, features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
