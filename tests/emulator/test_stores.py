@@ -5,16 +5,20 @@ from __future__ import annotations
 import pytest
 from phasewire import Emulator
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
+    Body,
     Entries,
     Entry,
     PlaySequence,
+    Samples,
     Slot,
     Update,
 )
 from phasewire.protocol.codes import Fault, Request, State
-from phasewire.protocol.timing import Link
+from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
 
 from tests.emulator.hosts import FULL, HALF, PERIOD, Device, pulses
+from tests.from_spec import modulated_width
 
 
 @pytest.fixture(params=[False, True], ids=["folded", "unfolded"])
@@ -29,6 +33,28 @@ def heard(device: Device, first: int, last: int) -> list[int]:
 
 
 # Sequences (BLK-013 to BLK-015)
+
+
+@pytest.mark.parametrize(("link", "apart"), [(FIVE_WIRE, 1), (TWO_WIRE, 2)], ids=["5wire", "2wire"])
+def test_stores_go_between_updates_at_the_rate_that_holds(unfolded: bool, link: Link, apart: int) -> None:
+    """Clause BLK-007; they make no update late, and arrive in time themselves."""
+    device = Device(Emulator(unfolded=unfolded, link=link), enabled=True)
+    stores: dict[int, Body] = {
+        10: Slot(200, pulses(20)),
+        20: Slot(201, pulses(21)),
+        30: Entries(tuple(Entry(200 + n % 2, 1) for n in range(120)), 500),
+        40: Samples(bytes([128, 255] * 240)),
+    }
+    at = device.period + 10
+    for n in range(60):
+        device.send_in_time(*([stores[n]] if n in stores else []), Update(pulses(1 + n % 25), at + n * apart))
+    sequence, modulation = device.send_in_time(PlaySequence(500, 120), AmplitudeModulation(0, 2, 1))
+    assert modulation.commit_period == sequence.commit_period + 1
+    updates = [1 + n % 25 for n in range(60)]
+    assert heard(device, at, at + 60 * apart)[::apart] == updates
+    begins = sequence.commit_period
+    assert heard(device, begins, begins + 7) == [20, modulated_width(21, 128)] * 3 + [20]
+    assert (device.status().late, device.status().missed_commits) == (0, 0)
 
 
 SLOW = Link("slow", 5, 4, cycles_per_symbol=40)
