@@ -182,12 +182,17 @@ ENDS: dict[str, Callable[[ServerConnection], object]] = {
 
 @pytest.mark.parametrize("end", ENDS.values(), ids=ENDS)
 def test_a_service_that_goes_away_is_lost_after_its_last_frame(end: Callable[[ServerConnection], object]) -> None:
+    received = threading.Event()
+
     def script(connection: ServerConnection) -> None:
         connection.send(json.dumps(leap_frame(1)))
+        if end is tear:  # a reset discards what has not been read yet
+            received.wait(PATIENCE)
         end(connection)
 
     with LeapService(script) as service, opened(service) as source:
         newest(source, 1)
+        received.set()
         with pytest.raises(TrackerLostError, match=f"the Leap service at 127.0.0.1:{service.port} has closed"):
             source.next_frame(PATIENCE)
 
