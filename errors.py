@@ -10,6 +10,7 @@
     ├── CommandError          a line that is no console command     "limit 400"
     ├── ChainError            bytes that are no valid message       a slice that ends too early
     ├── ImageError            bytes that are no valid firmware      a flipped bit, a signature that is wrong
+    ├── MissingExtraError     an optional package is missing    a signing key without cryptography
     ├── BenchError            what is around a device under test    a relay's program that ends with an error
     └── DeviceError           anything between a URL and the boards
         ├── DeviceNotFoundError   nothing answers to this URL       no such scheme, nothing plugged in
@@ -43,6 +44,7 @@ __all__ = [
     "FrameError",
     "ImageError",
     "InputFileError",
+    "MissingExtraError",
     "PhasewireError",
     "ReplyError",
     "TrackerError",
@@ -106,6 +108,10 @@ class ChainError(PhasewireError, ValueError):
     def __init__(self, message: str, clause: str) -> None:
         super().__init__(message)
         self.clause = clause
+
+
+class MissingExtraError(PhasewireError):
+    """An optional package is not installed; the message names the extra of phasewire that brings it."""
 
 
 class BenchError(PhasewireError):

@@ -17,7 +17,14 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from ..errors import DeviceError, DeviceNotFoundError, PhasewireError, TrackerError, TrackerNotFoundError
+from ..errors import (
+    DeviceError,
+    DeviceNotFoundError,
+    MissingExtraError,
+    PhasewireError,
+    TrackerError,
+    TrackerNotFoundError,
+)
 from ..signals import SIGNALLED, loading
 
 __all__ = ["app", "command_line", "run"]
@@ -232,7 +239,7 @@ def exit_code(error: Exception) -> int:
         return NO_DEVICE
     if isinstance(error, (DeviceError, TrackerError)):
         return DEVICE_FAILED
-    if isinstance(error, (ValueError, OSError)):
+    if isinstance(error, (ValueError, OSError, MissingExtraError)):
         return WRONG_USE
     return FAILED
 

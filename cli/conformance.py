@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..extras import needing
 from ..hil.conformance.cases import Risk
 from ..hil.conformance.known import read_known_failures
 from ..hil.conformance.matrix import Matrix
@@ -168,6 +169,9 @@ def conformance(
     The exit code is 0 if nothing broke, whatever was inconclusive, and 1 if something did. A run that Ctrl-C or SIGTERM
     ends still writes its reports, with the results up to then, and its code is 130 or 143.
     """
+    with loading(), needing("conformance", "phasewire conformance"):
+        import pytest  # noqa: F401, I001  first, as most lack it
+        import cryptography  # noqa: F401
     if mutants:
         _judge_mutants(context, jobs, table, json_target, thorough=thorough)
         return
@@ -185,7 +189,7 @@ def conformance(
         raise ValueError("--mutant brings a device of its own; leave out one of --device and --mutant")
     broken = None if mutant is None else _mutant(mutant)
 
-    with loading():  # pytest and the modules of the cases
+    with loading():  # the modules of the cases
         from ..hil.conformance.reports.terminal import LiveLine, print_run
         from ..hil.conformance.running import RunOptions, run_conformance
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ..extras import needing
 from ..storage import check_outputs, replacing
 
 __all__ = ["commands"]
@@ -25,7 +26,8 @@ def vectors(
 
     They are for authors of firmware or of a host; this is protocol/vectors.json.
     """
-    from ..protocol.vectors import text  # makes keys and pulses while it is imported
+    with needing("signing", "phasewire vectors"):
+        from ..protocol.vectors import text  # makes keys and pulses while it is imported
 
     if output is None or str(output) == "-":
         typer.echo(text(), nl=False)

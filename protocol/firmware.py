@@ -299,12 +299,12 @@ def trust(image: Image, keys: Iterable[Ed25519PublicKey]) -> Trust:
     ImageError
         If the image names one of the keys, but was not signed with it.
     """
-    from cryptography.exceptions import InvalidSignature  # few who read images judge who signed them
-
     if image.signature is None:
         return Trust.UNSIGNED
     for key in keys:
         if key_id(key) == image.signature.key_id:
+            from cryptography.exceptions import InvalidSignature  # an extra, which whoever has a key has installed
+
             try:
                 key.verify(image.signature.value, image.signed_bytes())
             except InvalidSignature:

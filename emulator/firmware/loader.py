@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...errors import DeviceError, InputFileError
+from ...extras import needing
 from ...protocol.board import PROCESSORS
 from ...protocol.codes import FLASH_SECTOR_BYTES, Bank, Fault, Target
 from ...protocol.firmware import BootRecord, Image, Segment, boot_order
@@ -82,7 +83,8 @@ class DeviceIdentity(NamedTuple):
 def _public_keys(keys: Sequence[str]) -> tuple[Ed25519PublicKey, ...]:
     if not keys:
         return ()
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey  # takes long, and few have keys
+    with needing("signing", "a flash that trusts keys"):
+        from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey  # slow, and few have keys
 
     return tuple(Ed25519PublicKey.from_public_bytes(bytes.fromhex(key)) for key in keys)
 

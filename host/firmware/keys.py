@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from ...errors import ImageError, InputFileError
+from ...extras import needing
 from ...protocol.codes import ImageReason
 from ...protocol.firmware import Image, Trust, parse, trust
 from ...storage import read_file
@@ -48,9 +49,10 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
     OSError
         If it cannot be read.
     """
-    from cryptography.exceptions import InternalError, UnsupportedAlgorithm  # few commands sign; this is slow to import
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-    from cryptography.hazmat.primitives.serialization import load_pem_private_key
+    with needing("signing", f"{path}: a signing key"):  # few commands sign; this is slow to import
+        from cryptography.exceptions import InternalError, UnsupportedAlgorithm
+        from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+        from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
     text = read_file(path, MOST_BYTES)
     if PUBLIC in text:
@@ -82,9 +84,10 @@ def read_public_keys(paths: Iterable[Path]) -> tuple[Ed25519PublicKey, ...]:
 
 
 def _read_public_key(path: Path) -> Ed25519PublicKey:
-    from cryptography.exceptions import InternalError, UnsupportedAlgorithm
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
-    from cryptography.hazmat.primitives.serialization import load_pem_public_key
+    with needing("signing", f"{path}: a key to verify with"):
+        from cryptography.exceptions import InternalError, UnsupportedAlgorithm
+        from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+        from cryptography.hazmat.primitives.serialization import load_pem_public_key
 
     text = read_file(path, MOST_BYTES)
     if PRIVATE in text:

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputFileError
+from ...errors import InputFileError, MissingExtraError
+from ...extras import needing
 from ...storage import read_file
 from ..contact.mesh import MOST_FACES, Mesh
 
@@ -63,6 +64,8 @@ def read_mesh(path: Path | str, scale: float | None = None, status: Callable[[st
     InputFileError
         If the file is damaged, of another kind, too large or in another unit, or does not hold the surface of a body;
         it names the file and says what is wrong.
+    MissingExtraError
+        If trimesh is not installed.
     ValueError
         If the scale is not positive.
     OSError
@@ -76,6 +79,8 @@ def read_mesh(path: Path | str, scale: float | None = None, status: Callable[[st
     data = read_file(path, MOST_BYTES)
     try:
         vertices, faces = _parsed(check(data), path.suffix.lower().removeprefix("."))
+    except MissingExtraError:
+        raise
     except Exception as error:  # on foreign bytes trimesh raises nearly anything
         reason = str(error) if type(error) is ValueError else f"it is damaged ({type(error).__name__}: {error})"
         raise InputFileError(f"{path} cannot be read as {path.suffix[1:].upper()}: {reason}") from error
@@ -119,7 +124,8 @@ def _unit_trouble(extents: NDArray[np.float64]) -> str:
 
 def _parsed(data: bytes, kind: str) -> tuple[NDArray[Any], NDArray[Any]]:
     """Vertices and faces of all parts of a file, each in its place."""
-    import trimesh  # takes half a second
+    with needing("meshes", f"reading {kind.upper()}"):
+        import trimesh  # takes half a second
 
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else Python prints what it logs, with tracebacks
     with warnings.catch_warnings(), np.errstate(all="ignore"):
