@@ -1,4 +1,4 @@
-"""Compiles kernels with numba, which keeps the result on disk if it can.
+"""Compiles kernels with numba, which keeps the result in the user's cache folder if it can.
 
 This module stands at the bottom. Importing it imports numba, which is slow, so only modules of kernels may import it.
 """
@@ -6,13 +6,15 @@ This module stands at the bottom. Importing it imports numba, which is slow, so 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import EnumType
 from hashlib import sha256
 from types import CodeType, FunctionType
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from numba import njit
+from numba import config, njit
+from platformdirs import user_cache_path
 
 __all__ = ["kernel", "part"]
 
@@ -32,15 +34,29 @@ def kernel(function: Function, **options: Any) -> Function:
     Notes
     -----
     numba reuses a compiled kernel from the disk if the kernel's own file has the same time and size. Parts and
-    constants of other files are compiled into it too, so their contents are added to numba's comparison.
+    constants of other files are compiled into it too, so their contents are added to numba's comparison. The results
+    are in ``$NUMBA_CACHE_DIR``, else in the user's cache folder, by the folder of the kernel's file: two installations
+    do not share them.
     """
     try:
-        compiled = njit(cache=True, nogil=True, **options)(function)
+        with _kernels_folder():
+            compiled = njit(cache=True, nogil=True, **options)(function)
     except RuntimeError:  # no folder is writable for numba's cache
         return cast(Function, njit(nogil=True, **options)(function))
     file = compiled._cache._cache_file  # numba has no public name for it
     file._source_stamp = (*file._source_stamp, _fingerprint(function))
     return cast(Function, compiled)
+
+
+@contextmanager
+def _kernels_folder() -> Iterator[None]:
+    """Let numba choose the user's cache folder for functions of this block, and no others, unless one is named."""
+    before = config.CACHE_DIR
+    config.CACHE_DIR = before or str(user_cache_path("phasewire") / "kernels")
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = before
 
 
 def part(function: Function) -> Function:

@@ -14,6 +14,7 @@
     ├── BenchError            what is around a device under test    a relay's program that ends with an error
     └── DeviceError           anything between a URL and the boards
         ├── DeviceNotFoundError   nothing answers to this URL       no such scheme, nothing plugged in
+        │   └── DeviceUrlError        the URL says what cannot be   a baud rate that is no number
         ├── DeviceAccessError     it is there, but not for us       no permission, open elsewhere
         ├── DeviceVersionError    no version of the protocol fits   firmware that is too new
         ├── DeviceRefusedError    it said no, and why               a block refused with a reason code
@@ -40,6 +41,7 @@ __all__ = [
     "DeviceRefusedError",
     "DeviceStalledError",
     "DeviceTimeoutError",
+    "DeviceUrlError",
     "DeviceVersionError",
     "FrameError",
     "ImageError",
@@ -124,6 +126,10 @@ class DeviceError(PhasewireError):
 
 class DeviceNotFoundError(DeviceError):
     """No device answers to this URL."""
+
+
+class DeviceUrlError(DeviceNotFoundError):
+    """The URL has an option or a value that its scheme does not have."""
 
 
 class DeviceAccessError(DeviceError):

@@ -5,6 +5,7 @@ A command's module is loaded when the command is needed: `HOMES` lists the modul
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import signal
@@ -20,6 +21,7 @@ from typer.core import TyperCommand, TyperGroup
 from ..errors import (
     DeviceError,
     DeviceNotFoundError,
+    DeviceUrlError,
     MissingExtraError,
     PhasewireError,
     TrackerError,
@@ -49,72 +51,81 @@ class Home(NamedTuple):
     help: str
 
 
-HOMES = {
-    "demo": Home("demo", "Show the whole path: a sphere on a palm, five emulated boards, pressure."),
-    "touch": Home(
-        "touch",
-        "Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.",
-    ),
-    "conformance": Home(
-        "conformance",
-        "Judge a device by the specification: what it does, what it answers and, if they can be seen, its outputs.",
-    ),
-    "budget": Home(
-        "budget",
-        "Show how long an update takes from the host to the outputs, the highest rate, and the bottleneck.",
-    ),
-    "decode": Home("decode", "Explain recorded traffic, and name the clauses of the specification that it breaks."),
-    "vectors": Home(
-        "vectors",
-        "Write golden vectors of the protocol to standard output, as JSON: bytes, what they mean, and what is refused.",
-    ),
-    "solve": Home("solving", "Find the drives that make a shape, and write them to a file."),
-    "field": Home("solving", "Compute the field of a solved file over a plane or a box, as a picture or as numbers."),
-    "focus": Home(
-        "solving",
-        "Report the result of a solved file's control points: strength, place and sharpness, missing ones and ghosts.",
-    ),
-    "reproduce": Home("reproduce", "Compute a figure of the paper again."),
-    "stop": Home("device", "Turn all outputs of a device off."),
-    "info": Home("device", "Show a device's description and its state."),
-    "read-back": Home("device", "Read back what the processors play, and show it as the grid of transducers."),
-    "identify": Home("device", "Let the light on a board blink for five seconds."),
-    "reset": Home("device", "Restart a device as at power-up, and wait until it is back."),
-    "watchdog": Home(
-        "device",
-        "Set how long a device waits for a sign of life before it turns its outputs off, until it restarts.",
-    ),
-    "limit": Home(
-        "device",
-        "Turn a device's outputs off, and set its drive limit, until it restarts.",
-    ),
-    "clear-faults": Home("device", "Clear the faults of a device whose cause is gone, and list the others."),
-    "show": Home("playing", "Play one frame on a device, and leave its outputs off."),
-    "stream": Home("playing", "Play frames one after the other at a rate, and leave the outputs off."),
-    "play": Home("playing", "Play a shape by two-sided modulation, which the device does from its memory."),
-    "record": Home(
-        "playing",
-        "Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.",
-    ),
-    "devices": Home("discovery", "List the devices that can be found, on USB and on serial lines."),
-    "doctor": Home(
-        "discovery",
-        "Check this computer and a device for problems, and suggest remedies.",
-    ),
-    "tracker": Home(
-        "tracker",
-        "List the sources of hands and which can be used, or watch one and check it.",
-    ),
-    "flash": Home("flash", "Give a device new firmware, completely or not at all, and check that it runs."),
-    "emulate": Home("emulate", "Serve emulated devices to other programs, until Ctrl-C."),
-    "attach": Home(
-        "attach",
-        "Attach a device of a USB/IP server, such as `phasewire emulate`, to this Linux computer.",
-    ),
-    "config": Home("settings", "Show the values of options that the command line does not set, and their sources."),
-    "firmware": Home("firmware", "Build, inspect, sign and verify firmware images."),
+PANELS = {
+    "Begin": {
+        "demo": Home("demo", "Show the whole path: a sphere on a palm, five emulated boards, pressure."),
+        "doctor": Home("discovery", "Check this computer and a device for problems, and suggest remedies."),
+        "devices": Home("discovery", "List the devices that can be found, on USB and on serial lines."),
+        "config": Home("settings", "Show the values of options that the command line does not set, and their sources."),
+    },
+    "Points and fields": {
+        "solve": Home("solving", "Find the drives that make a shape, and write them to a file."),
+        "field": Home(
+            "solving", "Compute the field of a solved file over a plane or a box, as a picture or as numbers."
+        ),
+        "focus": Home(
+            "solving",
+            "Report the result of a solved file's control points: strength, place and sharpness, "
+            "missing ones and ghosts.",
+        ),
+        "reproduce": Home("reproduce", "Compute a figure of the paper again."),
+    },
+    "Play": {
+        "show": Home("playing", "Play one frame on a device, and leave its outputs off."),
+        "stream": Home("playing", "Play frames one after the other at a rate, and leave the outputs off."),
+        "play": Home("playing", "Play a shape by two-sided modulation, which the device does from its memory."),
+        "record": Home(
+            "playing",
+            "Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.",
+        ),
+        "touch": Home(
+            "touch",
+            "Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.",
+        ),
+        "tracker": Home("tracker", "List the sources of hands and which can be used, or watch one and check it."),
+    },
+    "A device": {
+        "info": Home("device", "Show a device's description and its state."),
+        "stop": Home("device", "Turn all outputs of a device off."),
+        "reset": Home("device", "Restart a device as at power-up, and wait until it is back."),
+        "identify": Home("device", "Let the light on a board blink for five seconds."),
+        "read-back": Home("device", "Read back what the processors play, and show it as the grid of transducers."),
+        "watchdog": Home(
+            "device",
+            "Set how long a device waits for a sign of life before it turns its outputs off, until it restarts.",
+        ),
+        "limit": Home("device", "Turn a device's outputs off, and set its drive limit, until it restarts."),
+        "clear-faults": Home("device", "Clear the faults of a device whose cause is gone, and list the others."),
+    },
+    "Firmware": {
+        "flash": Home("flash", "Give a device new firmware, completely or not at all, and check that it runs."),
+        "firmware": Home("firmware", "Build, inspect, sign and verify firmware images."),
+    },
+    "Test and emulate": {
+        "conformance": Home(
+            "conformance",
+            "Judge a device by the specification: what it does, what it answers and, if they can be seen, its outputs.",
+        ),
+        "emulate": Home("emulate", "Serve emulated devices to other programs, until Ctrl-C."),
+        "attach": Home(
+            "attach", "Attach a device of a USB/IP server, such as `phasewire emulate`, to this Linux computer."
+        ),
+        "decode": Home("decode", "Explain recorded traffic, and name the clauses of the specification that it breaks."),
+        "vectors": Home(
+            "vectors",
+            "Write golden vectors of the protocol to standard output, as JSON: bytes, what they mean, "
+            "and what is refused.",
+        ),
+        "budget": Home(
+            "budget",
+            "Show how long an update takes from the host to the outputs, the highest rate, and the bottleneck.",
+        ),
+    },
 }
-"""Each command and each group of commands, in the order in which ``--help`` lists them."""
+"""Each command and each group of commands, as ``--help`` lists them."""
+
+HOMES = {name: home for panel in PANELS.values() for name, home in panel.items()}
+"""The same by name alone."""
 
 
 class Commands(Mapping[str, TyperCommand | TyperGroup]):
@@ -161,10 +172,12 @@ class CommandLine(TyperGroup):
         with _heard():
             return super().invoke(context)
 
-    def format_commands(self, context: Any, formatter: Any) -> None:
-        """List the commands, and load none."""
-        listed = TyperGroup(commands=[TyperCommand(name, help=home.help) for name, home in HOMES.items()])
-        listed.format_commands(context, formatter)
+    def format_commands(self, context: Any, formatter: Any) -> None:  # noqa: ARG002  typer decides the arguments
+        """List the commands in their panels, each with its whole sentence, and load none."""
+        width = max(map(len, HOMES))
+        for panel, homes in PANELS.items():
+            with formatter.section(panel):
+                formatter.write_dl([(name.ljust(width), home.help) for name, home in homes.items()])
 
 
 app = typer.Typer(
@@ -235,6 +248,8 @@ def command_line() -> TyperGroup:
 
 def exit_code(error: Exception) -> int:
     """The exit code of an error."""
+    if isinstance(error, DeviceUrlError):
+        return WRONG_USE
     if isinstance(error, (DeviceNotFoundError, TrackerNotFoundError)):
         return NO_DEVICE
     if isinstance(error, (DeviceError, TrackerError)):
@@ -248,6 +263,8 @@ def message(error: Exception) -> str:
     """The message of an error."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return f"standard output: {error.strerror}"  # because `storage.replacing` names each file that is written
     return str(error)
 
 

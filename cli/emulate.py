@@ -160,7 +160,8 @@ def emulate(
         typer.Option(
             "--umockdev",
             metavar="COMMAND",
-            help='Run a program, such as "lsusb -v", that sees only these devices on USB, by umockdev.',
+            help='Run a program, such as "lsusb -v", that sees only these devices on USB. It '
+            "needs umockdev: apt-get install umockdev on Debian and its kin.",
         ),
     ] = None,
     exported: Annotated[

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from ..errors import DeviceNotFoundError
 from ..host.firmware.images import read_firmware
 from ..host.firmware.keys import read_public_keys
 from ..host.lines.opening import DEFAULT_URL
@@ -164,9 +165,12 @@ def _list(device: str, json_target: str | None) -> None:
     for each in found:
         bank = each.bank.name if each.bank else "–"
         table.add_row(each.url, each.product, each.mode, str(each.firmware), bank, each.problem or "")
-    out.print(table if found else f"There is no device on the bus of {device!r}; is it switched on and plugged in?")
+    if found:
+        out.print(table)
     devices = [plain(each._asdict()) | {"firmware": str(each.firmware)} for each in found]
     write_json(json_target, {"format": "phasewire-flash-list-1", "devices": devices})
+    if not found:
+        raise DeviceNotFoundError(f"no device on the bus of {device!r}; is it switched on and plugged in?")
 
 
 def _revert(device: str, json_target: str | None) -> None:

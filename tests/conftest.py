@@ -18,7 +18,7 @@ settings.load_profile("gate" if os.environ.get("CI") else "phasewire")
 
 @pytest.fixture(scope="session", autouse=True)
 def _cache_of_its_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Tests neither read nor write the user's cache and file of defaults."""
+    """Tests neither read nor write the user's tables of transducers and file of defaults; kernels are shared."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("cache")
         patch.setenv("PHASEWIRE_CACHE", str(folder))

@@ -87,3 +87,26 @@ def test_a_kernel_is_compiled_anew_if_a_part_or_a_constant_of_another_file_has_c
         )
         said.append(done.stdout.split())
     assert said == [["4", "0"], ["8", "0"], ["8", "1"], ["20", "0"]]
+
+
+def test_kernels_are_cached_in_the_users_cache_folder_unless_another_is_named(tmp_path: Path) -> None:
+    """A copy of a package leaves nothing beside its files, and numba's own default stays as it is."""
+    package = tmp_path / "package"
+    package.mkdir()
+    (package / "one.py").write_text("from phasewire.compiling import kernel\n\n\n@kernel\ndef one():\n    return 1\n")
+    code = "import one, numba; one.one(); print(one.one.stats.cache_path, repr(numba.config.CACHE_DIR))"
+    base = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    base |= {"PYTHONDONTWRITEBYTECODE": "1", "XDG_CACHE_HOME": str(tmp_path / "user"), "HOME": str(tmp_path)}
+    base |= {"LOCALAPPDATA": str(tmp_path / "user")}
+    for more, where, default in (
+        ({}, tmp_path, "''"),
+        ({"NUMBA_CACHE_DIR": str(tmp_path / "named")}, tmp_path / "named", None),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-c", code], cwd=package, env=base | more, capture_output=True, text=True, check=True
+        )
+        path, said = done.stdout.split()
+        assert Path(path).is_relative_to(where)
+        assert ("phasewire" in Path(path).parts) is (not more)
+        assert said == (default or repr(str(where)))
+    assert [path.name for path in package.iterdir()] == ["one.py"]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Self, TypeVar
 from urllib.parse import parse_qsl
 
-from ...errors import DeviceNotFoundError, InputFileError
+from ...errors import DeviceUrlError, InputFileError
 from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 from ...protocol.framing import BAUD
 from ...protocol.timing import FIVE_WIRE, LINKS, Link
@@ -61,7 +61,7 @@ class EmulatorUrl:
 
         Raises
         ------
-        DeviceNotFoundError
+        DeviceUrlError
             If an option is unknown, or does not go with the others.
         """
         serial, _, query = url.partition(":")[2].partition("?")
@@ -69,17 +69,15 @@ class EmulatorUrl:
         known = OF_THE_DOOR if serial else OF_THE_DEVICE | OF_THE_DOOR
         for option in options:
             if option in OF_THE_DEVICE and serial:
-                raise DeviceNotFoundError(
-                    f"{url!r}: {option} goes with a fresh emulator, not with one that is plugged in"
-                )
+                raise DeviceUrlError(f"{url!r}: {option} goes with a fresh emulator, not with one that is plugged in")
             if option not in known:
-                raise DeviceNotFoundError(
+                raise DeviceUrlError(
                     f"{url!r}: the emulator has no option {option!r}; it has "
                     + ", ".join(f"{name}={values}" for name, values in known.items())
                 )
         door = _choice(url, "door", DOORS, options.get("door", USB))
         if "baud" in options and door != SERIAL:
-            raise DeviceNotFoundError(f"{url!r}: baud goes with door=serial")
+            raise DeviceUrlError(f"{url!r}: baud goes with door=serial")
         return cls(
             serial,
             _choice(url, "link", LINKS, options.get("link", FIVE_WIRE.name)),
@@ -112,11 +110,11 @@ class EmulatorUrl:
 
 def _choice(url: str, option: str, known: Mapping[str, Choice], name: str) -> Choice:
     if name not in known:
-        raise DeviceNotFoundError(f"{url!r}: unknown {option} {name!r}; known are {', '.join(known)}")
+        raise DeviceUrlError(f"{url!r}: unknown {option} {name!r}; known are {', '.join(known)}")
     return known[name]
 
 
 def _baud(url: str, text: str) -> int:
     if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= MOST_BAUD):
-        raise DeviceNotFoundError(f"{url!r}: baud {text!r}; a serial line has 1 to {MOST_BAUD}")
+        raise DeviceUrlError(f"{url!r}: baud {text!r}; a serial line has 1 to {MOST_BAUD}")
     return int(text)

@@ -106,7 +106,7 @@ def _settings(device: Device) -> Judgement:
         return ok(seen)
     return warn(
         f"{seen}; at power-up {info.watchdog_ms} ms and {info.drive_limit}",
-        f"another program has set them so; if that is not meant, `{RESET}`",
+        f"phasewire or another program has set them so since power-up; if that is not meant, `{RESET}`",
     )
 
 

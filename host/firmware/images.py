@@ -21,6 +21,10 @@ MOST_FILE_BYTES = 1024 * 1024
 """More than the largest image has (clause FWU-008)."""
 
 
+ZIP = b"PK\x03\x04"
+"""The first bytes of a zip archive, which solved files (.npz) are; people pass one by mistake."""
+
+
 class Firmware(NamedTuple):
     """A firmware file that has been read and found good."""
 
@@ -49,8 +53,15 @@ def read_image(source: Path | bytes) -> tuple[Image, Suffix]:
     OSError
         If it cannot be read.
     """
+    data = read_file(source) if isinstance(source, Path) else source
+    if data.startswith(ZIP):
+        raise ImageError(
+            f"{source if isinstance(source, Path) else 'this'} is a zip archive, such as a solved file (.npz), and no "
+            "firmware image; `phasewire show` plays a solved file, `phasewire firmware build` makes an image",
+            ImageReason.SUFFIX,
+        )
     with _named(source):
-        stored, suffix = split_suffix(read_file(source) if isinstance(source, Path) else source)
+        stored, suffix = split_suffix(data)
         return Image.decode(stored), suffix
 
 

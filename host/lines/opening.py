@@ -7,6 +7,7 @@ own.
 from __future__ import annotations
 
 import os
+import re
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
@@ -67,11 +68,18 @@ def load_by_scheme(
     found = entries(group)
     if not colon or scheme not in found:
         known = ", ".join(f"{name}:" for name in sorted(found))
-        raise missing(f"no {what} at {url!r}: the URL of a {what} begins with one of {known}")
+        raise missing(f"no {what} at {url!r}: the URL of a {what} begins with one of {known}{_meant(url)}")
     try:
         return found[scheme].load()
     except Exception as error:  # it may be another package's, and raise whatever it likes
         raise missing(f"{url!r}: {found[scheme].value}, which is to open it, cannot be loaded: {error}") from error
+
+
+def _meant(url: str) -> str:
+    """The rest of an error's sentence for a URL that is only the name of a serial port."""
+    if url.startswith("/dev/"):
+        return f"; for this serial port write serial://{url}"
+    return f"; for this serial port write serial:{url}" if re.fullmatch(r"COM\d+", url, re.IGNORECASE) else ""
 
 
 def open_transport(url: str) -> Transport:

@@ -25,7 +25,7 @@ from serial import rfc2217
 from serial.tools import list_ports
 from serial.urlhandler import protocol_socket
 
-from ...errors import DeviceNotFoundError
+from ...errors import DeviceUrlError
 from ...protocol.codes import BLOCK_BYTES
 from ...protocol.enumeration import PRODUCT_ID, VENDOR_ID
 from ...protocol.framing import BAUD, MAX_FRAME_BYTES, UART_BITS_PER_BYTE
@@ -59,7 +59,7 @@ def port_for_url(url: str) -> Any:
 
     Raises
     ------
-    DeviceNotFoundError
+    DeviceUrlError
         If the URL is wrong.
     """
     scheme, _, rest = url.partition(":")
@@ -69,7 +69,7 @@ def port_for_url(url: str) -> Any:
     for option in options:
         if option not in OPTIONS[scheme]:
             known = ", ".join(("baud", *OPTIONS[scheme]))
-            raise DeviceNotFoundError(f"{url!r}: {scheme}: has no option {option!r}; it has {known}")
+            raise DeviceUrlError(f"{url!r}: {scheme}: has no option {option!r}; it has {known}")
     if scheme == "serial":
         return _local(url, unquote(where.removeprefix("//")), baud)
     _check_address(url, scheme)
@@ -81,7 +81,7 @@ def port_for_url(url: str) -> Any:
 
 def _local(url: str, path: str, baud: int) -> Any:
     if not path:
-        raise DeviceNotFoundError(f"{url!r} names no port; write {EXAMPLES['serial']}")
+        raise DeviceUrlError(f"{url!r} names no port; write {EXAMPLES['serial']}")
     port = _bounded(serial.Serial, baud, exclusive=True)
     port.port = path
     for known in _ours():
@@ -99,7 +99,7 @@ def _bounded(kind: Any, baud: int, **settings: Any) -> Any:
 
 def _baud(url: str, text: str) -> int:
     if not (text.isascii() and text.isdecimal() and int(text)):
-        raise DeviceNotFoundError(f"{url!r}: baud {text!r} is no rate; write bits per second, such as baud={BAUD}")
+        raise DeviceUrlError(f"{url!r}: baud {text!r} is no rate; write bits per second, such as baud={BAUD}")
     return int(text)
 
 
@@ -110,7 +110,7 @@ def _check_address(url: str, scheme: str) -> None:
     except ValueError:  # a port that is no number, or too large
         complete = False
     if not complete:
-        raise DeviceNotFoundError(f"{url!r} names no host and port; write {EXAMPLES[scheme]}")
+        raise DeviceUrlError(f"{url!r} names no host and port; write {EXAMPLES[scheme]}")
 
 
 def _disconnect(port: Any) -> None:

@@ -192,10 +192,15 @@ class Stream:
         begin: Callable[[], None],
         restore: Callable[[], None] | None,
     ) -> None:
-        most = min(session.info.max_updates_per_second, session.line().most_blocks_per_second)
+        device_most, line_most = session.info.max_updates_per_second, session.line().most_blocks_per_second
         check_rate(rate)
-        if rate > most:
-            raise ValueError(f"a rate of {rate:g} frames/s must be at most {most:g} with this device and its line")
+        if rate > line_most and line_most < device_most:
+            raise ValueError(
+                f"a rate of {rate:g} frames/s must be at most {line_most:g} on this line; if it is a serial line with "
+                "a higher rate, its URL says so: ?baud=RATE"
+            )
+        if rate > device_most:
+            raise ValueError(f"a rate of {rate:g} frames/s must be at most {device_most:g} with this device")
         if not 0 <= look_ahead <= MOST_LOOK_AHEAD_SECONDS:
             raise ValueError(f"a look-ahead of {look_ahead:g} s must lie between 0 and {MOST_LOOK_AHEAD_SECONDS:g} s")
         self._session, self._source = session, source

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 import typer
 from phasewire import ControlPoints, Emulator, Medium, Sphere, Transducer, TransducerArray, open_device, pressure, solve
-from phasewire.cli.commands import HOMES, command_line
+from phasewire.cli.commands import HOMES, PANELS, command_line
 from phasewire.cli.settings import each_command
 from phasewire.signals import unwinding
 from phasewire.solver import METHODS, Star
@@ -264,6 +266,23 @@ def test_show_reports_that_the_watchdog_fired(phasewire: Run, solved: Path, monk
     assert "has turned its outputs off: it heard nothing for 0.1 s" in outcome.err
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a disk that is always full")
+def test_a_full_disk_names_the_standard_output(tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "phasewire", "config"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert (done.returncode, done.stderr) == (2, "phasewire: standard output: No space left on device\n")
+
+
+def test_the_help_lists_every_summary_in_full_under_its_panel(phasewire: Run) -> None:
+    said = " ".join(phasewire("--help").out.split())
+    for panel, homes in PANELS.items():
+        said = said[said.index(f" {panel}: ") :]
+        for name, home in homes.items():
+            said = said[said.index(f" {name} {home.help}") :]
+
+
 def test_the_list_of_commands_has_the_summary_of_each() -> None:
     said = {name: command.get_short_help_str(1000) for name, command in command_line().commands.items()}
     assert said == {name: home.help for name, home in HOMES.items()}
@@ -365,7 +384,13 @@ BAD = [
     ),
     (("show", "sphere.npz", "--device", "emulator:NOT-THERE"), 3, "no device at 'emulator:NOT-THERE'"),
     (("show", "sphere.npz", "--seconds", "-1"), 2, "Invalid value for '--seconds'"),
-    (("info", "--device", "emulator:?link=9wire"), 3, "unknown link '9wire'; known are 5wire, 2wire"),
+    (("info", "--device", "COM3"), 3, "for this serial port write serial:COM3"),
+    (("info", "--device", "/dev/ttyACM0"), 3, "for this serial port write serial:///dev/ttyACM0"),
+    (("info", "--device", "emulator:?door=serail"), 2, "unknown door 'serail'; known are usb, serial"),
+    (("info", "--device", "serial:COM3?baud=fast"), 2, "baud 'fast' is no rate; write bits per second"),
+    (("stream", "sphere.npz", "--device", "emulator:?door=serial"), 2, "its URL says so: ?baud=RATE"),
+    (("flash", "sphere.npz"), 2, "sphere.npz is a zip archive, such as a solved file (.npz), and no firmware image"),
+    (("info", "--device", "emulator:?link=9wire"), 2, "unknown link '9wire'; known are 5wire, 2wire"),
     (("stop", "--device", "usb:no-such-serial"), 3, "no device at 'usb:no-such-serial'"),
     (("field", "truncated.npz", "-o", "f.png"), 2, "truncated.npz is truncated, corrupted"),
     (("field", "sphere.npz", "-o", "f.bmp"), 2, "f.bmp: a picture's name ends in .png, .svg, .pdf"),

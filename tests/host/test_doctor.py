@@ -295,6 +295,7 @@ def test_settings_of_an_earlier_host_are_found(emulator: Emulator) -> None:
     findings = found_by(emulator.url)
     assert bad(findings) == {"settings": WARN}
     assert findings["settings"].seen == ("watchdog 50 ms, drive limit 10 transducers; at power-up 100 ms and 320")
+    assert findings["settings"].advice.startswith("phasewire or another program has set them so since power-up")
 
 
 def test_an_invalid_wiring_table_is_found(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
