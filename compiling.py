@@ -51,12 +51,13 @@ def kernel(function: Function, **options: Any) -> Function:
 @contextmanager
 def _kernels_folder() -> Iterator[None]:
     """Let numba choose the user's cache folder for functions of this block, and no others, unless one is named."""
-    before = config.CACHE_DIR
-    config.CACHE_DIR = before or str(user_cache_path("phasewire") / "kernels")
+    settings: Any = config  # numba makes its names while it is imported
+    before = settings.CACHE_DIR
+    settings.CACHE_DIR = before or str(user_cache_path("phasewire") / "kernels")
     try:
         yield
     finally:
-        config.CACHE_DIR = before
+        settings.CACHE_DIR = before
 
 
 def part(function: Function) -> Function:
