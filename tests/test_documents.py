@@ -7,11 +7,13 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 import typer
+import yaml
 from phasewire.__main__ import main
 from phasewire.cli.commands import command_line
 from phasewire.cli.settings import each_command
@@ -107,6 +109,18 @@ def understood(line: str) -> str:
 def test_commands_that_are_shown_exist_with_their_options(document: Path) -> None:
     for line in shown_in(document.read_text(encoding="utf-8")):
         understood(line)
+
+
+def test_the_workflow_runs_commands_that_exist_and_keeps_what_they_write() -> None:
+    workflow = yaml.safe_load((ROOT / "examples/ci/conformance.yml").read_text(encoding="utf-8"))
+    steps = workflow["jobs"]["conformance"]["steps"]
+    install, *lines = [step["run"] for step in steps if "run" in step]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert re.fullmatch(r'python -m pip install "phasewire\[(\w+)\]"', install)[1] in extras  # type: ignore[index]
+    assert [understood(line.removeprefix("phasewire ")) for line in lines] == ["doctor", "conformance"]
+    (kept,) = [step for step in steps if step.get("uses", "").startswith("actions/upload-artifact@")]
+    assert kept["if"] == "always()"
+    assert kept["with"]["path"].split() == re.findall(r"--(?:junit|html) (\S+)", lines[-1])
 
 
 def test_examples_in_the_help_of_commands_exist_with_their_options() -> None:

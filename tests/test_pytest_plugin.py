@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from platformdirs import user_cache_path
 
 pytest_plugins = ["pytester"]
 ROOT = Path(__file__).parents[1]
 MODULE = "phasewire.pytest_plugin"
+KERNELS = os.environ.get("NUMBA_CACHE_DIR") or str(user_cache_path("phasewire") / "kernels")  # pytester moves the home
 
 
 @pytest.fixture
 def project(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # an older installation may lack the entry point
+    monkeypatch.setenv("NUMBA_CACHE_DIR", KERNELS)
     monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
     return pytester
 
@@ -47,9 +52,15 @@ def test_both_fixtures_are_one_device_which_is_silent_and_unplugged_afterwards(p
             assert "emulated" in phasewire_device.name
         """
     )
-    result = project.runpytest("-p", MODULE, "--phasewire-device", "usb:nowhere", "-k", "not alone")
+    result = project.runpytest_subprocess("-p", MODULE, "--phasewire-device", "usb:nowhere", "-k", "not alone")
     result.assert_outcomes(passed=2, deselected=1)
-    project.runpytest("-p", MODULE, "-k", "alone").assert_outcomes(passed=1, deselected=2)
+    project.runpytest_subprocess("-p", MODULE, "-k", "alone").assert_outcomes(passed=1, deselected=2)
+
+
+def test_the_example_of_the_guide_passes(project: pytest.Pytester) -> None:
+    guide = (ROOT / "docs" / "testing-your-project.md").read_text(encoding="utf-8")
+    project.makepyfile(*re.findall(r"```python\n(.*?)```", guide, re.DOTALL))
+    project.runpytest_subprocess("-p", MODULE).assert_outcomes(passed=1)
 
 
 def test_the_option_wins_over_the_variable_and_a_missing_device_is_an_error(
@@ -57,10 +68,10 @@ def test_the_option_wins_over_the_variable_and_a_missing_device_is_an_error(
 ) -> None:
     project.makepyfile("def test_it(phasewire_device): pass")
     monkeypatch.setenv("PHASEWIRE_DEVICE", "nowhere:")
-    result = project.runpytest("-p", MODULE)
+    result = project.runpytest_subprocess("-p", MODULE)
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines(["phasewire_device: no device at 'nowhere:'*"])
-    project.runpytest("-p", MODULE, "--phasewire-device", "emulator:").assert_outcomes(passed=1)
+    project.runpytest_subprocess("-p", MODULE, "--phasewire-device", "emulator:").assert_outcomes(passed=1)
 
 
 def test_pytest_loads_nothing_else_of_phasewire_at_its_start() -> None:
