@@ -168,7 +168,7 @@ def solve_command(
     options = read_settings(settings or [])
     options_of(method, options)  # names options of no method, which may be names of other things
     solver = Solver(array, method, medium=medium, **options)
-    with error_console().status("solving; the first time on a machine, compiling takes some seconds"):
+    with error_console().status("solving; the first time on a machine, compiling takes about 10 s"):
         solver.solve(points)
     solver.forget()
     started = perf_counter()
