@@ -9,116 +9,23 @@ The path of one update::
     emulator.capture()     Capture         the bits that the outputs played
     capture.drive(period)  drive           what was emitted
     pressure(array, …)     pascals         what arrives
+
+Every length is in metres, every angle in degrees; ``80 * mm`` and its like make SI of other units. Files are named by
+text or by a `Path`. The rooms ``solver``, ``host``, ``protocol``, ``emulator`` and ``hil`` have more names.
 """
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from .emulator import Capture, Emulator
-    from .errors import DeviceError, PhasewireError
-    from .host import Device, open_device, open_hands
-    from .protocol import Pulses, Wiring
-    from .solver import (
-        Circle,
-        ControlPoints,
-        Hand,
-        Medium,
-        Mesh,
-        Solution,
-        Solver,
-        Sphere,
-        Toucher,
-        Transducer,
-        TransducerArray,
-        focus_report,
-        parse_shape,
-        pressure,
-        read_mesh,
-        read_volume_mesh,
-        sample_plane,
-        solve,
-        touch,
-        two_sided,
-    )
-
-__all__ = [
-    "Capture",
-    "Circle",
-    "ControlPoints",
-    "Device",
-    "DeviceError",
-    "Emulator",
-    "Hand",
-    "Medium",
-    "Mesh",
-    "PhasewireError",
-    "Pulses",
-    "Solution",
-    "Solver",
-    "Sphere",
-    "Toucher",
-    "Transducer",
-    "TransducerArray",
-    "Wiring",
-    "focus_report",
-    "open_device",
-    "open_hands",
-    "parse_shape",
-    "pressure",
-    "read_mesh",
-    "read_volume_mesh",
-    "sample_plane",
-    "solve",
-    "touch",
-    "two_sided",
-]
-
-_HOMES = {
-    "Capture": "emulator",
-    "Circle": "solver",
-    "ControlPoints": "solver",
-    "Device": "host",
-    "DeviceError": "errors",
-    "Emulator": "emulator",
-    "Hand": "solver",
-    "Medium": "solver",
-    "Mesh": "solver",
-    "PhasewireError": "errors",
-    "Pulses": "protocol",
-    "Solution": "solver",
-    "Solver": "solver",
-    "Sphere": "solver",
-    "Toucher": "solver",
-    "Transducer": "solver",
-    "TransducerArray": "solver",
-    "Wiring": "protocol",
-    "focus_report": "solver",
-    "open_device": "host",
-    "open_hands": "host",
-    "parse_shape": "solver",
-    "pressure": "solver",
-    "read_mesh": "solver",
-    "read_volume_mesh": "solver",
-    "sample_plane": "solver",
-    "solve": "solver",
-    "touch": "solver",
-    "two_sided": "solver",
-}
-_MODULES = ("emulator", "errors", "hil", "host", "protocol", "solver")
+_load, __dir__, __all__ = attach_stub(__name__, __file__)
 
 
-def __getattr__(name: str) -> Any:
-    """Load the module of a name at its first use, so that a program loads only the rooms that it needs."""
-    if name in _MODULES:
-        return import_module(f".{name}", __name__)
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(f".{_HOMES[name]}", __name__), name)
-    return value
+def __getattr__(name: str) -> object:
+    """A public name, whose module is loaded at its first use: a program loads only the rooms that it needs."""
+    if name != "__version__":
+        return _load(name)
+    from importlib.metadata import PackageNotFoundError, version  # slow to import
 
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, *_MODULES})
+    try:
+        return version(__name__)
+    except PackageNotFoundError:
+        return "0+unknown"  # sources that were never installed

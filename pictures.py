@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .storage import replacing
+from .storage import FilePath, replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,13 +15,13 @@ __all__ = ["FORMATS", "check_picture_path", "save_figure"]
 FORMATS = (".png", ".svg", ".pdf")
 
 
-def check_picture_path(path: Path) -> None:
+def check_picture_path(path: FilePath) -> None:
     """Raise `ValueError` if a path does not end in the name of a picture format."""
-    if path.suffix.lower() not in FORMATS:
+    if Path(path).suffix.lower() not in FORMATS:
         raise ValueError(f"{path}: a picture's name ends in {', '.join(FORMATS)}")
 
 
-def save_figure(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: FilePath) -> None:
     """Write a figure in the format of the path's suffix, completely or not at all."""
     with replacing(path) as part:
-        figure.savefig(part, format=path.suffix[1:].lower(), dpi=120)
+        figure.savefig(part, format=Path(path).suffix[1:].lower(), dpi=120)

@@ -13,13 +13,15 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeAlias
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 from .errors import InputFileError
 
-__all__ = ["check_outputs", "open_plain", "open_zip", "read_file", "read_text", "read_toml", "replacing"]
+__all__ = ["FilePath", "check_outputs", "open_plain", "open_zip", "read_file", "read_text", "read_toml", "replacing"]
 
+FilePath: TypeAlias = str | os.PathLike[str]
+"""The name of a file: text or a `Path`. Every public function that takes one takes both."""
 MOST_AT_ONCE = 2**22
 """Bytes of an archive that are read at once: its directory, or a piece of a member."""
 MOST_TOML_BYTES = 2**18
@@ -29,12 +31,12 @@ MOST_TOML_DEPTH = 16
 _BLAMELESS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # errors of a write that name no file
 
 
-def read_file(path: Path, most_bytes: int) -> bytes:
+def read_file(path: FilePath, most_bytes: int) -> bytes:
     """The contents of a file, a pipe or a device, up to a bound.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         The file to read.
     most_bytes : int
         The greatest allowed size; not much more is read.
@@ -46,7 +48,7 @@ def read_file(path: Path, most_bytes: int) -> bytes:
     OSError
         If it cannot be read.
     """
-    with path.open("rb") as file:
+    with Path(path).open("rb") as file:
         size = os.fstat(file.fileno()).st_size
         data = file.read(most_bytes + 1) if size <= most_bytes else b""
     if size > most_bytes or len(data) > most_bytes:
@@ -55,7 +57,7 @@ def read_file(path: Path, most_bytes: int) -> bytes:
     return data
 
 
-def read_text(path: Path, most_bytes: int) -> str:
+def read_text(path: FilePath, most_bytes: int) -> str:
     """The text of a file in UTF-8, with or without a byte order mark; errors as `read_file`, and if it is no text."""
     try:
         return read_file(path, most_bytes).decode("utf-8-sig")
@@ -63,7 +65,7 @@ def read_text(path: Path, most_bytes: int) -> str:
         raise InputFileError(f"{path} is no text in UTF-8: {error}") from error
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: FilePath) -> dict[str, Any]:
     """The contents of a TOML file; errors as `read_file`, and if it is no TOML, or nested too deeply."""
     data = read_file(path, MOST_TOML_BYTES)
     for number, line in enumerate(data.splitlines(), start=1):
@@ -87,11 +89,11 @@ def _inside(value: object) -> Iterable[object]:
     return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
 
 
-def _too_deep(path: Path) -> InputFileError:
+def _too_deep(path: FilePath) -> InputFileError:
     return InputFileError(f"{path} is nested too deeply: at most {MOST_TOML_DEPTH} levels of tables and lists may be")
 
 
-def open_plain(path: Path) -> BinaryIO:
+def open_plain(path: FilePath) -> BinaryIO:
     """Open a plain file, any part of which can be read; a pipe is refused at once.
 
     Raises
@@ -121,12 +123,12 @@ class _InPieces(FileIO):
 
 
 @contextmanager
-def open_zip(path: Path, otherwise: str) -> Iterator[ZipFile]:
+def open_zip(path: FilePath, otherwise: str) -> Iterator[ZipFile]:
     """Open a zip archive, whose members must be read in pieces of a stated size: their own sizes are only claims.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         A plain file.
     otherwise : str
         Its description in the error if it cannot be read.
@@ -154,7 +156,7 @@ def open_zip(path: Path, otherwise: str) -> Iterator[ZipFile]:
         raise InputFileError(f"{path} is {otherwise}: {error}") from error
 
 
-def check_outputs(outputs: Iterable[Path | str | None], inputs: Iterable[Path] = ()) -> None:
+def check_outputs(outputs: Iterable[FilePath | None], inputs: Iterable[FilePath] = ()) -> None:
     """Check before any work that its results can be written and will not overwrite a needed file.
 
     Parameters
@@ -171,7 +173,7 @@ def check_outputs(outputs: Iterable[Path | str | None], inputs: Iterable[Path] =
     OSError
         If it is a folder, or its folder does not exist or cannot be written.
     """
-    taken = {path.resolve(): "is also what is read" for path in inputs}
+    taken = {Path(path).resolve(): "is also what is read" for path in inputs}
     for output in outputs:
         if output is None or output == "-":
             continue
@@ -191,7 +193,7 @@ def check_outputs(outputs: Iterable[Path | str | None], inputs: Iterable[Path] =
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: FilePath) -> Iterator[Path]:
     """Yield a temporary path that replaces ``path`` if the block succeeds.
 
     The data are on the disk before the replacement, so that a crash at any moment leaves the old file or the new one. A
@@ -202,6 +204,7 @@ def replacing(path: Path) -> Iterator[Path]:
     OSError
         If the folder cannot be written, or the disk is full; it names ``path``, whose old contents are unchanged.
     """
+    path = Path(path)
     if path.exists() and not path.is_file():
         yield path
         return

@@ -14,3 +14,7 @@ from .ports.capture import Capture
 from .scenario import read_scenario
 
 __all__ = ["Capture", "Cluster", "Emulator", "Event", "read_scenario"]
+
+
+def __dir__() -> list[str]:
+    return __all__

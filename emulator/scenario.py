@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from pathlib import Path
 from typing import Any
 
 from ..errors import InputFileError
-from ..storage import read_toml
+from ..storage import FilePath, read_toml
 from .faults import FAULTS, InjectedFault
 from .faults.fault import limits
 
@@ -26,7 +25,7 @@ __all__ = ["read_scenario"]
 LIST, NAME = "fault", "name"
 
 
-def read_scenario(path: Path) -> tuple[InjectedFault, ...]:
+def read_scenario(path: FilePath) -> tuple[InjectedFault, ...]:
     """The faults that a file lists, for `Emulator.inject`.
 
     Raises

@@ -12,3 +12,7 @@ from .end_to_end import Check, EndToEnd, run_end_to_end
 from .touching import TouchRun, run_touch
 
 __all__ = ["Check", "EndToEnd", "Playback", "TouchRun", "run_end_to_end", "run_touch"]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +11,7 @@ from ..protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ..protocol.wiring import Pin
 from ..solver import PlaneField
 from ..solver.pictures.picture import draw_array, draw_field
+from ..storage import FilePath
 from .end_to_end import EndToEnd
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def draw_waves(axes: Axes, run: EndToEnd) -> None:
     axes.tick_params(axis="y", length=0)
 
 
-def save_end_to_end_picture(path: Path, run: EndToEnd, field: PlaneField, headline: str) -> None:
+def save_end_to_end_picture(path: FilePath, run: EndToEnd, field: PlaneField, headline: str) -> None:
     """Write the picture in the format of the path's suffix."""
     from matplotlib.figure import Figure  # importing matplotlib takes as long as everything else together
 

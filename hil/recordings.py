@@ -13,6 +13,7 @@ from typing import BinaryIO
 from ..errors import InputFileError
 from ..protocol.codes import BLOCK_MAGIC, IMAGE_MAGIC
 from ..protocol.framing import DELIMITER
+from ..storage import FilePath
 from .traffic import RECORD_SIZES, Piece, Traffic, is_frame, is_hex, read_bytes, read_serial, read_text, read_whole
 from .usbmon import UsbAddress, read_usbmon
 
@@ -39,7 +40,7 @@ HEAD_BYTES = 4096
 
 
 @contextmanager
-def open_recording(source: str) -> Iterator[BinaryIO]:
+def open_recording(source: FilePath) -> Iterator[BinaryIO]:
     """Open a file, or standard input for ``-``, so that it can be read twice.
 
     Raises

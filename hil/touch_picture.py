@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +15,7 @@ from ..solver.contact.mesh import Mesh
 from ..solver.contact.touch import Touch
 from ..solver.fields.grid import Grid
 from ..solver.pictures.picture import draw_field
+from ..storage import FilePath
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +38,7 @@ HALVES = (("first", "#D55E00", "o"), ("second", "#009E73", "^"))
 
 
 def save_touch_picture(
-    path: Path,
+    path: FilePath,
     hands: Sequence[Hand],
     objects: Sequence[Mesh],
     touch: Touch,
@@ -50,7 +50,7 @@ def save_touch_picture(
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         The file; its suffix is the format.
     hands, objects : sequence of Hand, of Mesh
         The scene.

@@ -63,3 +63,7 @@ __all__ = [
     "unpack",
     "unpack_updates",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__

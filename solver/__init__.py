@@ -124,3 +124,7 @@ __all__ = [
     "transfer_matrix",
     "two_sided",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
+import os
 from typing import IO, Any
 
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from ..errors import InputFileError
-from ..storage import open_plain, open_zip
+from ..storage import FilePath, open_plain, open_zip
 
 __all__ = ["MOST_BYTES", "read_array", "read_arrays"]
 
@@ -19,7 +19,7 @@ MOST_BYTES = 500_000_000
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
-def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+def read_arrays(path: FilePath) -> dict[str, NDArray[Any]]:
     """Read every array of an NPZ file.
 
     Raises
@@ -41,16 +41,16 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
         return arrays
 
 
-def read_array(path: Path) -> NDArray[Any]:
+def read_array(path: FilePath) -> NDArray[Any]:
     """Read the array of an NPY file; errors as `read_arrays`."""
     with open_plain(path) as file:
-        size = path.stat().st_size
+        size = os.fstat(file.fileno()).st_size
         if size > MOST_BYTES:
             raise InputFileError(f"{path} has {size} bytes; it may have at most {MOST_BYTES}")
         return _read(path, file, size)
 
 
-def _read(path: Path, stream: IO[bytes], size: int) -> NDArray[Any]:
+def _read(path: FilePath, stream: IO[bytes], size: int) -> NDArray[Any]:
     """An array; the file must hold as many bytes as its header says."""
     try:
         version = npy.read_magic(stream)

@@ -31,9 +31,9 @@ from phasewire.host.playing.recording import Recording
 from phasewire.solver.acoustics.aperture import Aperture
 from phasewire.solver.archives import read_array, read_arrays
 from phasewire.solver.shapes.point_files import read_points
-from phasewire.storage import read_toml
+from phasewire.storage import FilePath, read_toml
 
-READERS: dict[str, Callable[[Path], object]] = {
+READERS: dict[str, Callable[[FilePath], object]] = {
     "settings.toml": read_toml,
     "scenario.toml": read_scenario,
     "profile.toml": read_table,
@@ -92,6 +92,12 @@ def test_six_gibibytes_of_zeros(name: str, tmp_path: Path) -> None:
     path.touch()
     os.truncate(path, 6 * 2**30)
     refused(name, path)
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_missing_file_named_by_text(name: str, tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        READERS[name](str(tmp_path / name))
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -5,14 +5,18 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from types import ModuleType
 
+import phasewire
 import pytest
 from phasewire import Medium, TransducerArray
 from phasewire.protocol import board
 from phasewire.solver.methods.options import PHASE_LEVELS
 
 ROOT = Path(__file__).parents[1]
+ROOMS = ("protocol", "solver", "host", "emulator", "hil")
 
 
 def test_the_solver_s_default_array_is_the_board_s() -> None:
@@ -31,8 +35,24 @@ def test_a_polished_drive_has_the_phases_of_a_pulse() -> None:
 
 
 def test_the_package_has_its_names_and_subpackages_without_further_imports() -> None:
-    code = "import phasewire as p; [getattr(p, name) for name in (*p.__all__, *p._MODULES)]; p.errors.DeviceLostError"
+    code = "import phasewire as p; [getattr(p, name) for name in (*p.__all__, '__version__')]; p.errors.DeviceLostError"
     subprocess.run([sys.executable, "-c", code], timeout=60, check=True)
+
+
+@pytest.mark.parametrize("module", [phasewire, *(getattr(phasewire, room) for room in ROOMS)])
+def test_dir_lists_public_names_alone(module: ModuleType) -> None:
+    for name in dir(module):
+        value = getattr(module, name)
+        if isinstance(value, ModuleType):
+            assert module is phasewire
+            assert name in {*ROOMS, "errors", "units"}
+        assert name.isidentifier()
+        assert not name.startswith("_")
+        assert not isinstance(value, type(annotations))
+
+
+def test_the_version_is_that_of_the_project() -> None:
+    assert phasewire.__version__ == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 
 
 def test_importing_the_package_imports_no_slow_module() -> None:
@@ -45,7 +65,7 @@ def test_importing_the_package_imports_no_slow_module() -> None:
 
 def test_a_public_class_name_has_one_meaning() -> None:
     homes: dict[str, set[str]] = {}
-    for room in ("protocol", "solver", "host", "emulator", "hil", "cli", "mutants"):
+    for room in (*ROOMS, "cli", "mutants"):
         for path in (ROOT / room).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text("utf-8"))):
                 if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):

@@ -27,7 +27,7 @@ def test_the_wheel_holds_the_package_and_runs_without_the_repository(tmp_path: P
     sources = {f"phasewire/{file.name}" for file in ROOT.glob("*.py")}
     sources |= {f"phasewire/{file.relative_to(ROOT)}" for room in ROOMS for file in (ROOT / room).rglob("*.py")}
     data = {"py.typed", "protocol/SPEC.md", "protocol/vectors.json", "host/finding/60-phasewire.rules"}
-    data |= {"hil/guest/init.sh", "hil/guest/begin.sh"}
+    data |= {"hil/guest/init.sh", "hil/guest/begin.sh", "__init__.pyi"}
     assert packed == sources | {f"phasewire/{name}" for name in data}
 
     program = "import phasewire, phasewire.__main__, sys; sys.exit(phasewire.__file__ != sys.argv[1])"

@@ -2,9 +2,15 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
 
+import phasewire as pw
 import pytest
+from phasewire.emulator.firmware.flash import Flash
+from phasewire.emulator.ports.export import export
+from phasewire.host.hands.recording import HandRecorder
+from phasewire.host.touching.log import TouchLog
 from phasewire.storage import check_outputs, replacing
 
 
@@ -98,3 +104,52 @@ def test_outputs_are_checked_before_any_work(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     with pytest.raises(PermissionError, match="its folder is read-only"):
         check_outputs(["new.json"])
+
+
+# Names as text
+
+
+@pytest.fixture(scope="module")
+def field(sphere_solution: pw.Solution) -> pw.PlaneField:
+    return pw.sample_plane(sphere_solution.array, sphere_solution.drive, 0.2, 0.02, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("solved.npz", lambda path, field, solution: pw.save_solution(path, solution)),
+        ("field.npz", lambda path, field, _: pw.save_field(path, field)),
+        ("field.vti", lambda path, field, _: pw.save_vti(path, field)),
+        ("field.png", lambda path, field, _: pw.save_field_picture(path, field)),
+        ("perfect.csv", lambda path, *_: pw.Calibration.perfect(4).save(path)),
+        ("a.frames", lambda path, _, solution: pw.record(path, solution.drive[None], 40)),
+        ("a.hands", lambda path, *_: HandRecorder(path, 60).__enter__().__exit__(None, None, None)),
+        ("b.hands", lambda path, *_: TouchLog(path, 60, 200, "").__enter__().__exit__(None, None, None)),
+        ("flash.bin", lambda path, *_: Flash().save(path)),
+    ],
+)
+def test_a_file_may_be_named_by_text(
+    name: str,
+    write: Callable[[str, pw.PlaneField, pw.Solution], None],
+    field: pw.PlaneField,
+    sphere_solution: pw.Solution,
+    tmp_path: Path,
+) -> None:
+    write(str(tmp_path / name), field, sphere_solution)
+    assert (tmp_path / name).stat().st_size
+
+
+@pytest.mark.parametrize("name", ["capture.vcd", "capture.sr"])
+def test_a_capture_may_be_named_by_text(name: str, emulator: pw.Emulator, tmp_path: Path) -> None:
+    emulator.run(2)
+    export(emulator.capture(), str(tmp_path / name))
+    assert (tmp_path / name).stat().st_size
+
+
+def test_what_was_written_is_read_by_a_name_as_text(
+    sphere_solution: pw.Solution, field: pw.PlaneField, tmp_path: Path
+) -> None:
+    pw.save_solution(tmp_path / "a.npz", sphere_solution)
+    pw.save_field(tmp_path / "b.npz", field)
+    assert (pw.load_solution(str(tmp_path / "a.npz")).drive == sphere_solution.drive).all()
+    assert (pw.load_field(str(tmp_path / "b.npz")).pressure == field.pressure).all()

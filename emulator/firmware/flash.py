@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -20,7 +19,7 @@ from ...errors import InputFileError
 from ...protocol.board import CYCLES_PER_MS
 from ...protocol.codes import FLASH_BANK_BYTES, FLASH_SECTOR_BYTES, Bank
 from ...protocol.dfu import PAGE_BYTES, PAGE_PROGRAM_MS, SECTOR_ERASE_MS
-from ...storage import read_file, replacing
+from ...storage import FilePath, read_file, replacing
 from ..scheduler import Scheduler
 
 __all__ = ["CYCLES_PER_MS", "FLASH_BYTES", "Defects", "Flash", "FlashTimes"]
@@ -133,7 +132,7 @@ class Flash:
         self._fuse: _Fuse | None = None
 
     @classmethod
-    def load(cls, path: Path, *, times: FlashTimes | None = None, seed: int = 0) -> Self:
+    def load(cls, path: FilePath, *, times: FlashTimes | None = None, seed: int = 0) -> Self:
         """Read a flash from a file: its bytes, and after them how often each sector was erased.
 
         Raises
@@ -151,7 +150,7 @@ class Flash:
         flash.erasures[:] = np.frombuffer(data, "<u4", offset=FLASH_BYTES)
         return flash
 
-    def save(self, path: Path) -> None:
+    def save(self, path: FilePath) -> None:
         """Write what `load` reads; an operation that is not over counts as if it were.
 
         Raises

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...protocol.board import BOARDS, CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS_PER_BOARD
 from ...protocol.wiring import Wiring
+from ...storage import FilePath
 from ..trace import Signal
 from .excerpt import Excerpt, PortBits
 from .sigrok import write_sigrok
@@ -22,9 +23,9 @@ VCD, SIGROK = ".vcd", ".sr"
 _CHOICE = re.compile(r"b(?P<board>\d)(p(?P<processor>\d)(_(?P<bit>\d\d))?)?|t(?P<transducer>\d+)", re.ASCII)
 
 
-def check_export_path(path: Path) -> None:
+def check_export_path(path: FilePath) -> None:
     """Raise `ValueError` if a path does not end in the name of a format."""
-    if path.suffix.lower() not in (VCD, SIGROK):
+    if Path(path).suffix.lower() not in (VCD, SIGROK):
         raise ValueError(f"{path}: an export's name ends in {VCD} or {SIGROK}")
 
 
@@ -68,7 +69,7 @@ def _channels(choice: str, wiring: Wiring) -> list[int]:
 
 def export(
     capture: PortBits,
-    path: Path,
+    path: FilePath,
     channels: Sequence[int] | None = None,
     ticks: tuple[int, int] | None = None,
     signals: Sequence[Signal] = (),
@@ -79,7 +80,7 @@ def export(
     ----------
     capture : PortBits
         What was captured.
-    path : path
+    path : str or Path
         Ends in .vcd (GTKWave) or .sr (sigrok).
     channels : sequence of int, optional
         The outputs, in this order; all by default.
@@ -98,7 +99,7 @@ def export(
     """
     check_export_path(path)
     excerpt = Excerpt.of(capture, channels, ticks)
-    if path.suffix.lower() == VCD:
+    if Path(path).suffix.lower() == VCD:
         write_vcd(path, excerpt, signals)
     elif signals:
         raise ValueError(f"{path}: a sigrok session file holds outputs alone; signals need {VCD}")

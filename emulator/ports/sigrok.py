@@ -6,13 +6,12 @@ bit for each output, the first in the lowest bit. It does not say when its first
 
 from __future__ import annotations
 
-from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import numpy as np
 
 from ...protocol.board import TICK_HZ
-from ...storage import replacing
+from ...storage import FilePath, replacing
 from .excerpt import Excerpt
 
 __all__ = ["write_sigrok"]
@@ -21,7 +20,7 @@ SESSION_VERSION = "2"
 CAPTURE_FILE = "logic-1"
 
 
-def write_sigrok(path: Path, excerpt: Excerpt) -> None:
+def write_sigrok(path: FilePath, excerpt: Excerpt) -> None:
     """Write an excerpt as a sigrok session file; the same excerpt gives the same bytes.
 
     Raises

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from heapq import merge
 from operator import itemgetter
-from pathlib import Path
 from typing import Any, TextIO, TypeAlias
 
 from vcd import VCDWriter
@@ -20,7 +19,7 @@ from vcd.writer import Variable
 
 from ...protocol.board import CORE_HZ, CYCLES_PER_TICK, TICK_HZ
 from ...protocol.wiring import Pin
-from ...storage import replacing
+from ...storage import FilePath, replacing
 from ..trace import Signal
 from .excerpt import Excerpt
 
@@ -29,7 +28,7 @@ __all__ = ["write_vcd"]
 ValueChange: TypeAlias = tuple[int, Variable[Any], int]  # time in units, and the new value
 
 
-def write_vcd(path: Path, excerpt: Excerpt, signals: Sequence[Signal] = ()) -> None:
+def write_vcd(path: FilePath, excerpt: Excerpt, signals: Sequence[Signal] = ()) -> None:
     """Write an excerpt as a VCD file, with signals beside its outputs.
 
     The same arguments give the same bytes. The libsigrok of today's distributions (0.5.2) stops reading at a signal of

@@ -9,8 +9,8 @@ Each table has the name of a case, in quotes, and a reason::
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
+from ...storage import FilePath
 from .tables import read_table
 
 __all__ = ["read_known_failures"]
@@ -19,7 +19,7 @@ REASON = "reason"
 _CASE = re.compile(r"[^/\s]+/\S.*")
 
 
-def read_known_failures(path: Path) -> dict[str, str]:
+def read_known_failures(path: FilePath) -> dict[str, str]:
     """Cases that are expected to fail, and why.
 
     Raises

@@ -22,10 +22,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from ...emulator.ports.export import chosen_channels
 from ...protocol.wiring import Wiring
+from ...storage import FilePath
 from .tables import Table, read_table
 
 __all__ = ["Profile", "read_profile"]
@@ -74,7 +74,7 @@ class Profile:
         return {probe: chosen_channels(output, wiring)[0] for probe, output in self.probes.items()}
 
 
-def read_profile(path: Path) -> Profile:
+def read_profile(path: FilePath) -> Profile:
     """Read the profile in a file.
 
     Raises

@@ -9,11 +9,10 @@ import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from ...errors import InputFileError
-from ...storage import read_toml
+from ...storage import FilePath, read_toml
 
 __all__ = ["Table", "read_table"]
 
@@ -24,7 +23,7 @@ class Table:
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         The file.
     name : str
         The table's name; empty for the whole file.
@@ -32,7 +31,7 @@ class Table:
         What is in it.
     """
 
-    path: Path
+    path: FilePath
     name: str
     values: dict[str, Any]
 
@@ -73,7 +72,7 @@ def _written(key: str) -> str:
     return key if re.fullmatch(r"[\w-]+", key, re.ASCII) else json.dumps(key, ensure_ascii=False)
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: FilePath) -> Table:
     """The whole of a TOML file.
 
     Raises

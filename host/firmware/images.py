@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from ...errors import ImageError
 from ...protocol.codes import ImageReason
 from ...protocol.firmware import Image, Suffix, Trust, split_suffix, trust
+from ...storage import FilePath
 from ...storage import read_file as read_bounded
 
 if TYPE_CHECKING:
@@ -33,17 +33,17 @@ class Firmware(NamedTuple):
     trust: Trust
 
 
-def read_file(path: Path) -> bytes:
+def read_file(path: FilePath) -> bytes:
     """What is in a file; raise `InputFileError` if that is more than any image has, `OSError` if it cannot be read."""
     return read_bounded(path, MOST_FILE_BYTES)
 
 
-def read_image(source: Path | bytes) -> tuple[Image, Suffix]:
+def read_image(source: FilePath | bytes) -> tuple[Image, Suffix]:
     """Read a firmware file, whoever has signed it.
 
     Parameters
     ----------
-    source : Path or bytes
+    source : str, Path or bytes
         The file, or what is in it.
 
     Raises
@@ -53,10 +53,10 @@ def read_image(source: Path | bytes) -> tuple[Image, Suffix]:
     OSError
         If it cannot be read.
     """
-    data = read_file(source) if isinstance(source, Path) else source
+    data = source if isinstance(source, bytes) else read_file(source)
     if data.startswith(ZIP):
         raise ImageError(
-            f"{source if isinstance(source, Path) else 'this'} is a zip archive, such as a solved file (.npz), and no "
+            f"{'this' if isinstance(source, bytes) else source} is a zip archive, such as a solved file (.npz), and no "
             "firmware image; `phasewire show` plays a solved file, `phasewire firmware build` makes an image",
             ImageReason.SUFFIX,
         )
@@ -65,12 +65,12 @@ def read_image(source: Path | bytes) -> tuple[Image, Suffix]:
         return Image.decode(stored), suffix
 
 
-def read_firmware(source: Path | bytes, keys: Iterable[Ed25519PublicKey] = ()) -> Firmware:
+def read_firmware(source: FilePath | bytes, keys: Iterable[Ed25519PublicKey] = ()) -> Firmware:
     """Read a firmware file and judge it, as far as that needs no device.
 
     Parameters
     ----------
-    source : Path or bytes
+    source : str, Path or bytes
         The file, or what is in it.
     keys : iterable of Ed25519PublicKey
         Who is trusted. If there are any, one of them must have signed; if there are none, nobody needs to.
@@ -96,11 +96,11 @@ def read_firmware(source: Path | bytes, keys: Iterable[Ed25519PublicKey] = ()) -
 
 
 @contextmanager
-def _named(source: Path | bytes) -> Iterator[None]:
+def _named(source: FilePath | bytes) -> Iterator[None]:
     """Let an error say which file it is about."""
     try:
         yield
     except ImageError as refused:
-        if not isinstance(source, Path):
+        if isinstance(source, bytes):
             raise
         raise ImageError(f"{source}: {ImageReason(refused.reason).name}: {refused}", refused.reason) from refused

@@ -16,7 +16,7 @@ from ...errors import ImageError, InputFileError
 from ...extras import needing
 from ...protocol.codes import ImageReason
 from ...protocol.firmware import Image, Trust, parse, trust
-from ...storage import read_file
+from ...storage import FilePath, read_file
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
@@ -39,7 +39,7 @@ MOST_BYTES = 64 * 1024
 """More than any key has."""
 
 
-def read_private_key(path: Path) -> Ed25519PrivateKey:
+def read_private_key(path: FilePath) -> Ed25519PrivateKey:
     """Read a key to sign with.
 
     Raises
@@ -70,7 +70,7 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
     return key
 
 
-def read_public_keys(paths: Iterable[Path]) -> tuple[Ed25519PublicKey, ...]:
+def read_public_keys(paths: Iterable[FilePath]) -> tuple[Ed25519PublicKey, ...]:
     """Read the keys of those who are trusted to sign.
 
     Raises
@@ -83,7 +83,7 @@ def read_public_keys(paths: Iterable[Path]) -> tuple[Ed25519PublicKey, ...]:
     return tuple(_read_public_key(path) for path in paths)
 
 
-def _read_public_key(path: Path) -> Ed25519PublicKey:
+def _read_public_key(path: FilePath) -> Ed25519PublicKey:
     with needing("signing", f"{path}: a key to verify with"):
         from cryptography.exceptions import InternalError, UnsupportedAlgorithm
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
@@ -103,9 +103,9 @@ def _read_public_key(path: Path) -> Ed25519PublicKey:
     return key
 
 
-def exposure(path: Path) -> str:
+def exposure(path: FilePath) -> str:
     """What is wrong with the permissions of a private key's file, and how to mend it; empty if nothing is."""
-    mode = path.stat().st_mode
+    mode = Path(path).stat().st_mode
     if os.name != "posix" or not stat.S_ISREG(mode) or not mode & (stat.S_IRWXG | stat.S_IRWXO):
         return ""
     return (
@@ -114,7 +114,7 @@ def exposure(path: Path) -> str:
     )
 
 
-def _wrong_kind(path: Path, key: object) -> InputFileError:
+def _wrong_kind(path: FilePath, key: object) -> InputFileError:
     return InputFileError(
         f"{path} holds a key of another kind, {type(key).__name__}; images are signed with Ed25519: {MAKE_PRIVATE_KEY}"
     )

@@ -13,7 +13,7 @@ from statistics import median
 from typing import Any, NamedTuple
 
 from ...errors import InputFileError
-from ...storage import read_text
+from ...storage import FilePath, read_text
 from .frames import HandFrame
 from .leap_frames import hands_of, whole
 from .lz_string import decompress
@@ -47,7 +47,7 @@ class LeapRecording(NamedTuple):
     rate: float
 
 
-def read_leap_recording(path: Path) -> LeapRecording:
+def read_leap_recording(path: FilePath) -> LeapRecording:
     """Read a recording of the Leap's frames.
 
     Raises
@@ -58,7 +58,7 @@ def read_leap_recording(path: Path) -> LeapRecording:
         If it cannot be read.
     """
     try:
-        if path.suffix.lower() == PACKED_SUFFIX:
+        if Path(path).suffix.lower() == PACKED_SUFFIX:
             text = decompress(read_text(path, MOST_PACKED_BYTES), MOST_CHARACTERS)
         else:
             text = read_text(path, MOST_CHARACTERS)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -14,7 +13,7 @@ from ...errors import InputFileError
 from ...solver.contact.hand import Hand
 from ...solver.contact.poses import as_position, rotation_matrix
 from ...solver.geometry import as_points, frozen
-from ...storage import read_toml
+from ...storage import FilePath, read_toml
 from .frames import HandFrame
 
 __all__ = ["Pose"]
@@ -60,7 +59,7 @@ class Pose:
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: FilePath) -> Self:
         """Read a pose file; docs/hands.md describes it.
 
         Raises

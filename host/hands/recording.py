@@ -21,7 +21,7 @@ import numpy as np
 
 from ...errors import InputFileError
 from ...solver.contact.hand import Hand
-from ...storage import open_plain, replacing
+from ...storage import FilePath, open_plain, replacing
 from ..lines.transport import Timekeeper
 from .frames import HandFrame, TrackedHand
 from .pose import Pose
@@ -51,7 +51,7 @@ class HandRecorder:
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         The file, by custom with the suffix `SUFFIX`.
     rate : float
         Frames per second that can be expected.
@@ -61,7 +61,7 @@ class HandRecorder:
         That was applied to the hands.
     """
 
-    def __init__(self, path: Path, rate: float, source: str = "", pose: Pose | None = None) -> None:
+    def __init__(self, path: FilePath, rate: float, source: str = "", pose: Pose | None = None) -> None:
         self._path = path
         self._head = {
             "format": FORMAT,
@@ -147,7 +147,7 @@ class HandRecording:
         Whether the recording ends as it should; false if it was cut off.
     """
 
-    def __init__(self, path: Path, file: BinaryIO) -> None:
+    def __init__(self, path: FilePath, file: BinaryIO) -> None:
         self._path, self._file = path, file
         self._number = 0
         self._time = -math.inf
@@ -173,7 +173,7 @@ class HandRecording:
         self._rewind()
 
     @classmethod
-    def open(cls, path: Path) -> Self:
+    def open(cls, path: FilePath) -> Self:
         """Open a recording.
 
         Raises
@@ -283,7 +283,7 @@ class HandRecording:
 class _Naming:
     """Turns what is wrong with a line into an error that names it."""
 
-    def __init__(self, path: Path, number: int) -> None:
+    def __init__(self, path: FilePath, number: int) -> None:
         self._place = f"{path}, line {number}"
 
     def __enter__(self) -> None: ...

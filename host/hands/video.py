@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputFileError, TrackerError, TrackerLostError, TrackerNotFoundError
 from ...solver.contact.hand import Side
-from ...storage import open_plain, read_file
+from ...storage import FilePath, open_plain, read_file
 from ..lines.transport import Timekeeper
 from .frames import HandFrame
 from .picture_tracker import PictureTracker, SeenHand, View
@@ -64,7 +64,7 @@ class Landmarker:
 
     Parameters
     ----------
-    model : Path
+    model : str or Path
         ``hand_landmarker.task``.
     hands : int
         How many hands to look for.
@@ -79,7 +79,7 @@ class Landmarker:
         If its file cannot be read.
     """
 
-    def __init__(self, model: Path, hands: int) -> None:
+    def __init__(self, model: FilePath, hands: int) -> None:
         data = read_file(model, MOST_MODEL_BYTES)
         self._mediapipe = _imported("mediapipe")
         tasks = self._mediapipe.tasks

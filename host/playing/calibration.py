@@ -12,7 +12,6 @@ import csv
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -22,7 +21,7 @@ from ...errors import InputFileError
 from ...protocol.pulses import check_drives
 from ...solver.acoustics.array import LEAST, MAX_GAIN
 from ...solver.geometry import frozen
-from ...storage import read_text, replacing
+from ...storage import FilePath, read_text, replacing
 
 __all__ = ["Calibration"]
 
@@ -127,7 +126,7 @@ class Calibration:
         wanted /= np.maximum(np.abs(wanted), 1)
         return wanted
 
-    def save(self, path: Path) -> None:
+    def save(self, path: FilePath) -> None:
         """Write a CSV file that `load` reads, either completely or not at all.
 
         Raises
@@ -143,7 +142,7 @@ class Calibration:
                 writer.writerow((transducer, repr(gain), repr(phase_deg), polarity, int(dead)))
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: FilePath) -> Self:
         """Read a CSV file: the line ``transducer,gain,phase_deg,polarity,dead``, then one for each transducer.
 
         Transducers count from 0, in array order; their lines may stand in any order. Gain and phase are numbers, the

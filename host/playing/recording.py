@@ -42,7 +42,7 @@ from ...errors import InputFileError
 from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from ...protocol.quantise import PulseFrames, check_pulses
 from ...solver import Medium, TransducerArray
-from ...storage import open_plain, replacing
+from ...storage import FilePath, open_plain, replacing
 from .calibration import Calibration
 from .frames import Frames, check_rate, frame_source
 
@@ -76,7 +76,7 @@ class _Head(NamedTuple):
 
 
 def record(
-    path: Path,
+    path: FilePath,
     frames: Frames,
     rate: float,
     *,
@@ -89,7 +89,7 @@ def record(
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         The file, conventionally with the suffix `SUFFIX`.
     frames : (k, n) complex, PulseFrames, Recording, or iterable of frames
         What to record, see `frame_source`; it must end.
@@ -117,6 +117,7 @@ def record(
         If the file cannot be written, or is no plain file. If the disk is full, the written frames are kept beside it,
         in a recording that the error names.
     """
+    path = Path(path)
     check_rate(rate)
     if path.exists() and not path.is_file():
         raise OSError(f"{path} cannot be written: a recording must be a plain file")
@@ -176,7 +177,7 @@ def _checksum(pulses: NDArray[np.uint8], number: int) -> bytes:
     return zlib.crc32(pulses.tobytes(), number % 2**32).to_bytes(CHECKSUM_BYTES, "little")
 
 
-def _write(file: FileIO, data: bytes, path: Path) -> None:
+def _write(file: FileIO, data: bytes, path: FilePath) -> None:
     """Write all bytes, without a buffer that would fail again when the file is closed."""
     left = memoryview(data)
     try:
@@ -209,7 +210,7 @@ class Recording:
         Program and version.
     """
 
-    def __init__(self, path: Path, file: BinaryIO) -> None:
+    def __init__(self, path: FilePath, file: BinaryIO) -> None:
         self._path, self._file = path, file
         head, said = _read_head(path, file)
         for name, own in CLOCK.items():
@@ -235,7 +236,7 @@ class Recording:
             raise ValueError(f"there is more in it than its {head.frames} frames")
 
     @classmethod
-    def open(cls, path: Path) -> Self:
+    def open(cls, path: FilePath) -> Self:
         """Open a recording.
 
         Raises
@@ -307,7 +308,7 @@ class Recording:
         return found
 
 
-def _read_head(path: Path, file: BinaryIO) -> tuple[_Head, dict[str, Any]]:
+def _read_head(path: FilePath, file: BinaryIO) -> tuple[_Head, dict[str, Any]]:
     """The head of a file, and its text."""
     begin = file.read(HEAD_BYTES)
     if not begin.startswith(MAGIC):

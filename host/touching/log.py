@@ -27,7 +27,7 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...storage import replacing
+from ...storage import FilePath, replacing
 from ..hands.pose import Pose
 from ..hands.recording import SUFFIX, HandRecorder
 from .loop import TouchMoment
@@ -39,7 +39,7 @@ FORMAT = "phasewire-touch-log-1"
 DECIMALS = 6
 
 
-def log_path(path: Path) -> Path:
+def log_path(path: FilePath) -> Path:
     """The file beside a recording of hands.
 
     Raises
@@ -47,6 +47,7 @@ def log_path(path: Path) -> Path:
     ValueError
         If the recording has another suffix than `SUFFIX`.
     """
+    path = Path(path)
     if path.suffix.lower() != SUFFIX:
         raise ValueError(f"{path}: a recording of hands has the suffix {SUFFIX}")
     return path.with_suffix(LOG_SUFFIX)
@@ -57,7 +58,7 @@ class TouchLog:
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         Of the recording of hands.
     rate : float
         Frames per second that can be expected.
@@ -69,9 +70,9 @@ class TouchLog:
         That was applied to the hands.
     """
 
-    def __init__(self, path: Path, rate: float, frequency: float, source: str, pose: Pose | None = None) -> None:
+    def __init__(self, path: FilePath, rate: float, frequency: float, source: str, pose: Pose | None = None) -> None:
         self._path, self._hands = log_path(path), HandRecorder(path, rate, source, pose)
-        self._head = {"format": FORMAT, "hands": path.name, "source": source, "frequency_hz": frequency}
+        self._head = {"format": FORMAT, "hands": Path(path).name, "source": source, "frequency_hz": frequency}
         self._stack: ExitStack
         self._file: BinaryIO
         self._origin: float | None = None

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputFileError
-from ...storage import open_plain
+from ...storage import FilePath, open_plain
 from ..archives import read_array
 from ..geometry import frozen
 
@@ -125,12 +125,12 @@ class Aperture:
         return cls(np.concatenate([upper[::-1], upper]), pixel)
 
     @classmethod
-    def from_image(cls, path: Path, width: float) -> Aperture:
+    def from_image(cls, path: FilePath, width: float) -> Aperture:
         """An aperture from a picture, such as a photograph of the grille.
 
         Parameters
         ----------
-        path : Path
+        path : str or Path
             A .png file, in which white is open and black or transparent is closed, or an .npy file of numbers as in
             `image`.
         width : float
@@ -143,6 +143,7 @@ class Aperture:
         OSError
             If it cannot be opened.
         """
+        path = Path(path)
         if path.suffix.lower() not in IMAGE_FILES:
             raise InputFileError(f"{path}: apertures are read from {' or '.join(IMAGE_FILES)} files")
         open_plain(path).close()  # so that a missing file is not taken for a bad one

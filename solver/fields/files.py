@@ -5,13 +5,12 @@ A solved file holds drives, not pulses: pulses are made on the way to a device.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputFileError
-from ...storage import replacing
+from ...storage import FilePath, replacing
 from ..acoustics.aperture import Aperture
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
@@ -42,7 +41,7 @@ FIELD_UNITS = (
 )
 
 
-def save_solution(path: Path, solution: Solution) -> None:
+def save_solution(path: FilePath, solution: Solution) -> None:
     """Write a solution with all that is needed to use it again, whole or not at all."""
     array, points = solution.array, solution.points
     with replacing(path) as part, part.open("wb") as file:
@@ -62,7 +61,7 @@ def save_solution(path: Path, solution: Solution) -> None:
         np.savez(file, allow_pickle=False, **entries)
 
 
-def load_solution(path: Path) -> Solution:
+def load_solution(path: FilePath) -> Solution:
     """Read a solution back.
 
     Raises
@@ -75,7 +74,7 @@ def load_solution(path: Path) -> Solution:
     return solution_in(read_arrays(path), path)
 
 
-def solution_in(arrays: dict[str, np.ndarray[Any, Any]], path: Path) -> Solution:
+def solution_in(arrays: dict[str, np.ndarray[Any, Any]], path: FilePath) -> Solution:
     """The solution in the arrays of a file; raise `InputFileError`, naming the file, if there is none."""
     if str(arrays.get("format")) in EARLIER_FORMATS:
         raise InputFileError(
@@ -150,7 +149,7 @@ def _floats(values: np.ndarray[Any, Any], count: int) -> list[float]:
     return [float(value) for value in values]
 
 
-def save_field(path: Path, field: PlaneField | VolumeField) -> None:
+def save_field(path: FilePath, field: PlaneField | VolumeField) -> None:
     """Write a field as NPZ, whole or not at all.
 
     Its arrays are `pressure`, (rows, columns) or (layers, rows, columns) complex in Pa (peak), the grid's `centre` (3,)
@@ -171,7 +170,7 @@ def save_field(path: Path, field: PlaneField | VolumeField) -> None:
         )
 
 
-def load_field(path: Path) -> PlaneField | VolumeField:
+def load_field(path: FilePath) -> PlaneField | VolumeField:
     """Read a field back.
 
     Raises

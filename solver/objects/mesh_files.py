@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputFileError, MissingExtraError
 from ...extras import needing
-from ...storage import read_file
+from ...storage import FilePath, read_file
 from ..contact.mesh import MOST_FACES, Mesh
 
 __all__ = ["MESH_FILES", "mesh_of", "read_mesh"]
@@ -44,14 +44,14 @@ SMALLEST = 1e-3
 """Metres. A smaller object is taken to be in another unit: no hand feels it."""
 
 
-def read_mesh(path: Path | str, scale: float | None = None, status: Callable[[str], None] | None = None) -> Mesh:
+def read_mesh(path: FilePath, scale: float | None = None, status: Callable[[str], None] | None = None) -> Mesh:
     """Read an object from a file, by the suffix of its name, and repair it (`Mesh.repaired`).
 
     Its coordinates are the array's, after the scale. A scene becomes one object, each of its parts in its place.
 
     Parameters
     ----------
-    path : Path or str
+    path : str or Path
         An STL, OBJ, PLY or GLB file.
     scale : float, optional
         Metres in the file's unit of length: 0.001 for millimetres. Without it the file must be in metres, as GLB files

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputFileError
-from ...storage import read_file
+from ...storage import FilePath, read_file
 from ..archives import read_array, read_arrays
 from ..contact.mesh import MOST_FACES, Mesh
 from .mesh_files import LARGEST, mesh_of
@@ -110,7 +110,7 @@ class Volume:
 
 
 def read_volume_mesh(
-    path: Path | str,
+    path: FilePath,
     level: float,
     spacing: float | None = None,
     step: int = 1,
@@ -122,7 +122,7 @@ def read_volume_mesh(
 
     Parameters
     ----------
-    path : Path or str
+    path : str or Path
         An NPY file; an NPZ file with one array of three dimensions, and if wanted its ``spacing`` in metres; a NIfTI
         file; or a folder with the slices of one DICOM series.
     level : float

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...pictures import save_figure
+from ...storage import FilePath
 from ..acoustics.array import TransducerArray
 from ..fields.field import PlaneField
 from ..fields.grid import Grid
@@ -174,7 +174,7 @@ def draw_array(axes: Axes, array: TransducerArray, drive: NDArray[np.complex128]
 
 
 def save_field_picture(
-    path: Path, field: PlaneField, points: ControlPoints | None = None, quantity: str = "pressure"
+    path: FilePath, field: PlaneField, points: ControlPoints | None = None, quantity: str = "pressure"
 ) -> None:
     """Write a picture of a field: a quantity of `QUANTITIES`, or the ``oil`` that it pushes."""
     from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together

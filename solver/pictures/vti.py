@@ -9,25 +9,24 @@ from __future__ import annotations
 import base64
 import struct
 import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...storage import replacing
+from ...storage import FilePath, replacing
 from ..fields.field import Field, PlaneField, VolumeField
 from ..fields.quantities import intensity, radiation_pressure
 
 __all__ = ["save_vti"]
 
 
-def save_vti(path: Path, field: PlaneField | VolumeField) -> None:
+def save_vti(path: FilePath, field: PlaneField | VolumeField) -> None:
     """Write a field as VTK image data, whole or not at all.
 
     Parameters
     ----------
-    path : path
+    path : str or Path
         Of the file; VTK's readers expect a name that ends in ``.vti``.
     field : PlaneField or VolumeField
         What to write.

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputFileError
-from ...storage import read_text
+from ...storage import FilePath, read_text
 from .points import ControlPoints
 
 __all__ = ["POINT_FILES", "read_points"]
@@ -18,7 +18,7 @@ MOST_POINT_BYTES = 4_000_000
 """A hundred thousand points, far more than any solver takes."""
 
 
-def read_points(path: Path) -> ControlPoints:
+def read_points(path: FilePath) -> ControlPoints:
     """Read control points from a CSV, JSON or plain text file, by the suffix of its name.
 
     CSV: a line per point, ``x,y,z`` or ``x,y,z,amplitude`` in metres; a first line without any number is taken for
@@ -33,6 +33,7 @@ def read_points(path: Path) -> ControlPoints:
     OSError
         If it cannot be opened.
     """
+    path = Path(path)
     if path.suffix.lower() not in POINT_FILES:
         raise InputFileError(f"{path}: control points are read from {' or '.join(POINT_FILES)} files")
     text = read_text(path, MOST_POINT_BYTES)

@@ -420,7 +420,7 @@ def shape_help() -> str:
 def _read_vertices(text: str) -> Vertices:
     if Path(text).suffix.lower() not in POINT_FILES:
         return tuple(tuple(float(number) for number in vertex.split(":")) for vertex in text.split("/"))
-    points = read_points(Path(text))
+    points = read_points(text)
     if (points.amplitudes != 1).any():
         raise InputFileError(f"{text}: the vertices of a line have no amplitudes")
     return tuple(tuple(row) for row in points.positions.tolist())

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....errors import InputFileError
-from ....storage import open_zip
+from ....storage import FilePath, open_zip
 from .marks import Mark
 from .recorded import Probe, RecordedObserver
 
@@ -76,7 +76,7 @@ class SessionFile:
     members: tuple[_Member, ...]
 
     @classmethod
-    def open(cls, path: Path) -> SessionFile:
+    def open(cls, path: FilePath) -> SessionFile:
         """Read a file's metadata, and none of its samples.
 
         Raises
@@ -86,6 +86,7 @@ class SessionFile:
         OSError
             If it cannot be read.
         """
+        path = Path(path)
         try:
             with open_zip(path, _OTHERWISE) as archive:
                 sizes = {info.filename: info.file_size for info in archive.infolist()}
