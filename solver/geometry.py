@@ -1,18 +1,59 @@
-"""Coordinates: reading, checking and freezing them."""
+"""Coordinates and rotations: reading, checking and freezing them."""
 
 from __future__ import annotations
 
-from typing import TypeVar
+import math
+from abc import ABC, abstractmethod
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["FARTHEST", "Scalar", "as_points", "frozen"]
+__all__ = ["FARTHEST", "Movable", "Scalable", "Scalar", "as_points", "as_position", "frozen", "rotation_matrix"]
 
 FARTHEST = 1000.0
 """Largest coordinate in metres. Sound at 40 kHz is long gone by then, and nothing overflows."""
 
 Scalar = TypeVar("Scalar", bound=np.generic)
+Moved = TypeVar("Moved", covariant=True)
+
+
+class Movable(ABC, Generic[Moved]):
+    """Something with a place in space, of which there are copies elsewhere."""
+
+    @property
+    @abstractmethod
+    def centre(self) -> NDArray[np.float64]:
+        """(3,) the point about which it turns, in metres."""
+
+    @abstractmethod
+    def placed(self, matrix: NDArray[np.float64], offset: NDArray[np.float64]) -> Moved:
+        """The same, each point x at ``matrix @ x + offset``: a (3, 3) matrix that turns and scales, and (3,) metres."""
+
+    def moved(self, offset: ArrayLike) -> Moved:
+        """The same, moved by (3,) metres; `ValueError` if the offset is no place."""
+        return self.placed(np.eye(3), as_position(offset, "offset"))
+
+    def rotated(self, degrees: float, axis: ArrayLike = (0, 0, 1)) -> Moved:
+        """The same, turned about an axis through its `centre`, counterclockwise as seen from the axis' tip.
+
+        Raises
+        ------
+        ValueError
+            If the angle is not finite, or the axis has no direction.
+        """
+        turn = rotation_matrix(degrees, axis)
+        return self.placed(turn, self.centre - turn @ self.centre)
+
+
+class Scalable(Movable[Moved]):
+    """Something of which there are larger and smaller copies, too."""
+
+    def scaled(self, factor: float) -> Moved:
+        """The same, ``factor`` times as large, about its `centre`; `ValueError` if the factor is not positive."""
+        if not 0 < factor < math.inf:
+            raise ValueError(f"scale {factor} must be positive and finite")
+        return self.placed(factor * np.eye(3), (1 - factor) * self.centre)
 
 
 def as_points(values: ArrayLike, what: str, many: str | None = None) -> NDArray[np.float64]:
@@ -39,6 +80,41 @@ def as_points(values: ArrayLike, what: str, many: str | None = None) -> NDArray[
         raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; its coordinates must be finite numbers")
     bad = np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))
     raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; coordinates are metres, at most {FARTHEST:g}")
+
+
+def as_position(value: ArrayLike, what: str) -> NDArray[np.float64]:
+    """Read (3,) coordinates in metres; ``what`` names them in the error.
+
+    Raises
+    ------
+    ValueError
+        If these are not three numbers, or one is not finite or larger than `FARTHEST`.
+    """
+    place = np.array(value, dtype=np.float64)
+    if place.shape != (3,) or not (place.max() <= FARTHEST and place.min() >= -FARTHEST):
+        raise ValueError(f"{what} {place.tolist()} must be three numbers of metres, at most {FARTHEST:g} each")
+    return place
+
+
+def rotation_matrix(degrees: float, axis: ArrayLike) -> NDArray[np.float64]:
+    """The (3, 3) rotation about an axis through the origin, counterclockwise seen from its tip: Rodrigues' formula.
+
+    Raises
+    ------
+    ValueError
+        If the angle is not finite, or the axis has no direction.
+    """
+    direction = np.array(axis, dtype=np.float64)
+    length = np.linalg.norm(direction)
+    if direction.shape != (3,) or not 0 < length < math.inf:
+        raise ValueError(f"axis {direction.tolist()} must be three finite numbers, not all of them 0")
+    if not math.isfinite(degrees):
+        raise ValueError(f"an angle of {degrees} degrees is not finite")
+    x, y, z = direction / length
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = math.radians(degrees)
+    turn: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    return turn
 
 
 def frozen(values: NDArray[Scalar]) -> NDArray[Scalar]:

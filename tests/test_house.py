@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import doctest
 import subprocess
 import sys
 import tomllib
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -53,6 +55,16 @@ def test_dir_lists_public_names_alone(module: ModuleType) -> None:
 
 def test_the_version_is_that_of_the_project() -> None:
     assert phasewire.__version__ == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [p for room in ROOMS for p in sorted((ROOT / room).rglob("*.py")) if ">>> " in p.read_text("utf-8")],
+    ids=str,
+)
+def test_examples_in_docstrings_run(path: Path) -> None:
+    module = import_module(".".join(["phasewire", *path.relative_to(ROOT).with_suffix("").parts]))
+    assert doctest.testmod(module).failed == 0
 
 
 def test_importing_the_package_imports_no_slow_module() -> None:

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputFileError
 from ...solver.contact.hand import Hand
-from ...solver.contact.poses import as_position, rotation_matrix
-from ...solver.geometry import as_points, frozen
+from ...solver.geometry import as_points, as_position, frozen, rotation_matrix
 from ...storage import FilePath, read_toml
 from .frames import HandFrame
 

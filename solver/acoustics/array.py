@@ -9,7 +9,7 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import Scalar, as_points, frozen
+from ..geometry import Movable, Scalar, as_points, frozen
 from .transducer import Transducer
 
 __all__ = ["TransducerArray"]
@@ -21,7 +21,7 @@ LEAST = 1e-6  # gain, or limit, that is not 0
 
 
 @dataclass(frozen=True, eq=False)
-class TransducerArray:
+class TransducerArray(Movable["TransducerArray"]):
     """Transducers in space; z is up, away from a flat array.
 
     Parameters
@@ -134,7 +134,12 @@ class TransducerArray:
             self.positions, self.normals, self.transducer, response, self.limits if limits is None else limits
         )
 
-    def moved(self, rotation: ArrayLike, translation: ArrayLike) -> TransducerArray:
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """(3,) mean of the positions, in metres."""
+        return np.asarray(self.positions.mean(axis=0))
+
+    def placed(self, rotation: ArrayLike, translation: ArrayLike) -> TransducerArray:
         """The same array turned by a (3, 3) rotation matrix about the origin, then moved by (3,) metres."""
         turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
         if shift.shape != (3,) or not np.isfinite(shift).all():

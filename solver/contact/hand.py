@@ -10,9 +10,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import FARTHEST, as_points, frozen
+from ..geometry import FARTHEST, as_points, as_position, frozen, rotation_matrix
 from .anatomy import BONES, FINGERS, LENGTH, NEUTRAL, PALM, PARENTS, WIDTHS, Side, posed
-from .poses import as_position, rotation_matrix
 
 __all__ = ["LANDMARKS", "QUADS", "Hand", "Side"]
 

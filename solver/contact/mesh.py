@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import FARTHEST, as_points, frozen
+from ..geometry import FARTHEST, as_points, as_position, frozen, rotation_matrix
 from .curvature import edge_curvature
 from .edges import edge_tables
-from .poses import as_position, rotation_matrix
 from .repair import repair
 from .solids import SOLIDS
 from .tables import SolidTables

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.propagation import pressure, transfer_matrix
+from ..methods.solve import Wanted, control_points
 from ..shapes.points import ControlPoints, check_reachable
 from .field import MAX_PAIRS, PlaneField, VolumeField, sample_cut, sample_volume
 from .grid import MAX_SAMPLES, Grid
@@ -179,7 +180,7 @@ class FocusReport:
 def focus_report(
     array: TransducerArray,
     drive: ArrayLike,
-    points: ControlPoints,
+    points: Wanted,
     medium: Medium | None = None,
     grid: Grid | None = None,
 ) -> FocusReport:
@@ -191,8 +192,8 @@ def focus_report(
         n transducers.
     drive : (n,) complex
         Drives.
-    points : ControlPoints
-        What was wanted.
+    points : ControlPoints, Shape or (m, 3) float
+        What was wanted, as for `Solver.solve`.
     medium : Medium, optional
         The air; 20 °C by default.
     grid : Grid, optional
@@ -205,7 +206,7 @@ def focus_report(
     ValueError
         As `pressure`, or if a point is out of reach, or the grid is too coarse or has too many samples.
     """
-    medium = medium or Medium()
+    medium, points = medium or Medium(), control_points(points)
     check_reachable(array, points)
     relative = points.amplitudes / points.amplitudes.max()
     wanted = np.flatnonzero(relative > FAINT)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,15 +13,22 @@ from numpy.typing import ArrayLike, NDArray
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.propagation import Precision
+from ..contact.hand import Hand
+from ..contact.mesh import Mesh
+from ..contact.touch import Touch
 from ..geometry import frozen
 from ..shapes.points import MAX_POINTS, ControlPoints
+from ..shapes.shapes import Shape
 from .methods import METHODS, options_of
 from .options import LEAST_MU, Options
 from .reference_engine import Engine, ReferenceEngine
 
-__all__ = ["Solution", "Solver", "solve", "solve_frames"]
+__all__ = ["Solution", "Solver", "Wanted", "control_points", "solve", "solve_frames"]
 
 MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays
+
+Wanted: TypeAlias = ControlPoints | Shape | ArrayLike
+"""What to solve for: control points, a shape, or (m, 3) positions in metres, all of amplitude 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +102,13 @@ class Solver:
         self.options = options_of(method, options)
         self._engine = engine_for(self.array, self.medium, method, self.options, precision)
 
-    def solve(self, points: ControlPoints | ArrayLike, ids: NDArray[np.int64] | None = None) -> Solution:
+    def solve(self, points: Wanted, ids: NDArray[np.int64] | None = None) -> Solution:
         """Find the drives for the next frame.
 
         Parameters
         ----------
-        points : ControlPoints or (m, 3) float
-            In metres; without amplitudes, all are 1.
+        points : ControlPoints, Shape or (m, 3) float
+            In metres; without amplitudes, all are 1. A shape is sampled as it prefers.
         ids : (m,) int64, optional
             Identities of the points, each once: a point begins with the phase of the same one in the last frame.
             Without them, the points are taken for those of the last frame if there are as many, and for new ones
@@ -113,8 +120,7 @@ class Solver:
             If a point cannot be reached, there are too many, or they are too close for so small a ``mu``; or if the
             identities are not as many as the points.
         """
-        if not isinstance(points, ControlPoints):
-            points = ControlPoints(points)
+        points = control_points(points)
         check_size(self.array, points, self.method)
         drive = self._engine.drive(points, checked_ids(points, ids))
         return Solution(frozen(drive.astype(np.complex128)), self.array, points, self.medium, self.method)
@@ -126,7 +132,7 @@ class Solver:
 
 def solve(
     array: TransducerArray,
-    points: ControlPoints | ArrayLike,
+    points: Wanted,
     method: str = "wgs",
     *,
     medium: Medium | None = None,
@@ -136,13 +142,19 @@ def solve(
     """Find the drive that makes the field strong at the control points: a `Solver` for one frame.
 
     Parameters and errors are those of `Solver` and its `Solver.solve`.
+
+    Examples
+    --------
+    >>> from phasewire import Circle, TransducerArray, solve
+    >>> solve(TransducerArray.grid(), Circle()).drive.shape
+    (320,)
     """
     return Solver(array, method, medium=medium, precision=precision, **options).solve(points)
 
 
 def solve_frames(
     array: TransducerArray,
-    frames: Sequence[ControlPoints],
+    frames: Sequence[Wanted],
     method: str = "wgs",
     *,
     medium: Medium | None = None,
@@ -156,8 +168,8 @@ def solve_frames(
     ----------
     array : TransducerArray
         n transducers.
-    frames : sequence of ControlPoints
-        f frames.
+    frames : sequence of ControlPoints, Shape or (m, 3) float
+        f frames, each as for `Solver.solve`.
     method, medium, precision, **options
         As for `Solver`.
     workers : int
@@ -173,19 +185,30 @@ def solve_frames(
     ValueError
         As `Solver` and `Solver.solve`, naming the frame; or if there is less than one worker.
     """
-    frames, settings, air = list(frames), options_of(method, options), medium or Medium()
+    wanted, settings, air = [control_points(frame) for frame in frames], options_of(method, options), medium or Medium()
     if workers < 1:
         raise ValueError(f"workers {workers} must be at least 1")
-    drives = np.empty((len(frames), len(array)), dtype=np.complex64)
-    for index, points in enumerate(frames):
+    drives = np.empty((len(wanted), len(array)), dtype=np.complex64)
+    for index, points in enumerate(wanted):
         check_size(array, points, method, f"frame {index}: ")
 
     def work(first: int) -> None:
-        engine_for(array, air, method, settings, precision).drive_frames(frames, first, workers, drives)
+        engine_for(array, air, method, settings, precision).drive_frames(wanted, first, workers, drives)
 
     with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(work, range(min(workers, len(frames)))))
+        list(pool.map(work, range(min(workers, len(wanted)))))
     return drives
+
+
+def control_points(wanted: Wanted) -> ControlPoints:
+    """The control points of what is wanted; raises `ValueError` if it has none, and says what has."""
+    if isinstance(wanted, ControlPoints):
+        return wanted
+    if isinstance(wanted, (Hand, Mesh)):
+        raise ValueError(f"a {type(wanted).__name__} has no control points; touch(hand, mesh).points has")
+    if isinstance(wanted, Touch):
+        raise ValueError("a Touch is solved by its points and their identities: solver.solve(touch.points, touch.ids)")
+    return wanted.sample() if isinstance(wanted, Shape) else ControlPoints(wanted)
 
 
 def checked_ids(points: ControlPoints, ids: NDArray[np.int64] | None) -> NDArray[np.int64] | None:

@@ -23,7 +23,7 @@ from .methods import options_of
 from .modulation import FREQUENCY, Modulation, check_frequency
 from .options import Options
 from .paired import EnginePair, Pair, PairEngine
-from .solve import Solution, check_size, checked_ids, engine_for, has_kernels, solve
+from .solve import Solution, Wanted, check_size, checked_ids, control_points, engine_for, has_kernels, solve
 from .split import Split
 
 __all__ = ["Gain", "TwoSided", "TwoSidedSolver", "pair_engine", "two_sided"]
@@ -182,14 +182,12 @@ class TwoSidedSolver:
         self._engine = pair_engine(array, self._medium, method, options_of(method, options), precision)
         self._count, self._first_id = 0, 0
 
-    def solve(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> TwoSided:
+    def solve(self, points: Wanted, ids: NDArray[np.int64] | None = None) -> TwoSided:
         """Split and solve the next frame.
 
         Parameters
         ----------
-        points : ControlPoints
-            In metres.
-        ids : (m,) int64, optional
+        points, ids
             As for `Solver.solve`.
 
         Raises
@@ -197,6 +195,7 @@ class TwoSidedSolver:
         ValueError
             As `Solver.solve`.
         """
+        points = control_points(points)
         check_size(self._array, points, self._method)
         names = checked_ids(points, ids)
         if names is None:
@@ -228,7 +227,7 @@ def pair_engine(
 
 def two_sided(
     array: TransducerArray,
-    points: ControlPoints,
+    points: Wanted,
     method: str = "wgs",
     *,
     frequency: float = FREQUENCY,

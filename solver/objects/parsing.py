@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..contact.mesh import Mesh
-from ..contact.poses import as_position
 from ..contact.solids import SOLIDS
-from ..geometry import FARTHEST, frozen
+from ..geometry import FARTHEST, as_position, frozen
 from ..shapes.notation import check, read_parameters, written
 from .mesh_files import MESH_FILES, read_mesh
 from .volumes import VOLUMES, read_volume_mesh, volume_suffix

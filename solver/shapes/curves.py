@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..geometry import as_points
 from .points import MAX_POINTS, ControlPoints
 
-__all__ = ["SPACING", "Curve", "chain", "even_spacing", "ring", "sample_curves"]
+__all__ = ["SPACING", "Curve", "chain", "even_spacing", "ring", "sample_curves", "without_coincidences"]
 
 SPACING = 0.015
 """Arc length between control points in metres, the paper's section 5."""
@@ -43,6 +43,13 @@ class Curve:
     closed: bool
     at: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     sides: int = 1
+
+    def placed(self, matrix: NDArray[np.float64], offset: NDArray[np.float64]) -> Curve:
+        """The same curve, its points x at ``matrix @ x + offset``; the matrix turns and scales alone."""
+        factor = float(np.cbrt(np.linalg.det(matrix)))
+        return Curve(
+            factor * self.length, self.closed, lambda arc: self.at(arc / factor) @ matrix.T + offset, self.sides
+        )
 
 
 def ring(x: float, y: float, height: float, radius: float, start: float = 0.0) -> Curve:
@@ -130,7 +137,7 @@ def sample_curves(curves: Sequence[Curve], spacing: float = SPACING) -> ControlP
     positions = np.concatenate(
         [curve.at(_arc_lengths(curve, int(count))) for curve, count in zip(curves, steps, strict=True)]
     )
-    return ControlPoints(_without_coincidences(positions, COINCIDENT * spacing))
+    return without_coincidences(ControlPoints(positions), spacing)
 
 
 def _steps(curve: Curve, spacing: float) -> float:
@@ -147,10 +154,10 @@ def _arc_lengths(curve: Curve, steps: int) -> NDArray[np.float64]:
     return curve.length * np.arange(steps + 1) / steps
 
 
-def _without_coincidences(positions: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
-    """The positions without those that lie within ``distance`` of an earlier one."""
+def without_coincidences(points: ControlPoints, spacing: float = SPACING) -> ControlPoints:
+    """The points without those that lie within a thousandth of the spacing, in metres, of an earlier one."""
     from scipy.spatial import cKDTree  # which takes 0.1 s to import
 
-    stays = np.ones(len(positions), dtype=np.bool_)
-    stays[cKDTree(positions).query_pairs(distance, output_type="ndarray")[:, 1]] = False
-    return positions[stays]
+    stays = np.ones(len(points), dtype=np.bool_)
+    stays[cKDTree(points.positions).query_pairs(COINCIDENT * spacing, output_type="ndarray")[:, 1]] = False
+    return points.part(stays)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..acoustics.array import TransducerArray
-from ..geometry import as_points, frozen
+from ..geometry import Scalable, as_points, frozen
 
 __all__ = ["MAX_POINTS", "REACH", "ControlPoints", "check_reachable", "reachable"]
 
@@ -23,16 +23,17 @@ paper's array works best from 0.15 to 0.5 m."""
 
 
 @dataclass(frozen=True, eq=False)
-class ControlPoints:
+class ControlPoints(Scalable["ControlPoints"]):
     """Points and how strong the field should be at each, relative to the others.
 
     Parameters
     ----------
     positions : (m, 3) float
         In metres, in the array's coordinates.
-    amplitudes : (m,) float, optional
-        Relative pressure amplitudes, at least 0; a point of amplitude 0 is a null. All 1 by default. A solver meets the
-        ratios as nearly as the array can; it counts errors in pascals. The drive limit decides the pressure.
+    amplitudes : float or (m,) float, optional
+        Relative pressure amplitudes, of all points or of each, at least 0; a point of amplitude 0 is a null. All 1
+        by default. A solver meets the ratios as nearly as the array can; it counts errors in pascals. The drive limit
+        decides the pressure.
 
     Raises
     ------
@@ -47,6 +48,8 @@ class ControlPoints:
         points = as_points(positions, "control point")
         try:
             values = np.ones(len(points)) if amplitudes is None else np.array(amplitudes, dtype=np.float64)
+            if values.ndim == 0:
+                values = np.full(len(points), values)
         except (TypeError, ValueError, OverflowError) as error:
             raise ValueError(f"amplitudes must be numbers: {error}") from error
         if values.shape != (len(points),):
@@ -61,6 +64,27 @@ class ControlPoints:
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def __add__(self, other: ControlPoints) -> ControlPoints:
+        """These points, then the others, each with its amplitude."""
+        if not isinstance(other, ControlPoints):
+            return NotImplemented
+        return ControlPoints(
+            np.concatenate([self.positions, other.positions]), np.concatenate([self.amplitudes, other.amplitudes])
+        )
+
+    def sample(self, spacing: float | None = None) -> ControlPoints:  # noqa: ARG002  # there is no line to cut
+        """These points, so that they are a shape too."""
+        return self
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """(3,) mean of the positions, in metres."""
+        return np.asarray(self.positions.mean(axis=0))
+
+    def placed(self, matrix: NDArray[np.float64], offset: NDArray[np.float64]) -> ControlPoints:
+        """The points x at ``matrix @ x + offset``, with their amplitudes; `moved`, `rotated` and `scaled` use it."""
+        return ControlPoints(self.positions @ matrix.T + offset, self.amplitudes)
 
     def part(self, of: NDArray[np.bool_]) -> ControlPoints:
         """The points of a mask (m,); at least one of them must not be a null."""

@@ -7,18 +7,19 @@ written ``name:parameter=value,…``; `parse_shape` reads that notation.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
+from functools import cached_property, reduce
 from numbers import Integral
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputFileError
-from ..geometry import as_points
-from .curves import SPACING, Curve, chain, even_spacing, ring, sample_curves
+from ..geometry import Scalable, as_points
+from .curves import SPACING, Curve, chain, even_spacing, ring, sample_curves, without_coincidences
 from .notation import READERS, check, read_parameters, written
 from .point_files import POINT_FILES, read_points
 from .points import MAX_POINTS, ControlPoints
@@ -28,6 +29,7 @@ __all__ = [
     "Asterisk",
     "Circle",
     "Concentric",
+    "Drawing",
     "Drawn",
     "Polygon",
     "Polyline",
@@ -42,6 +44,7 @@ __all__ = [
 Vertices: TypeAlias = tuple[tuple[float, ...], ...]
 
 
+@runtime_checkable
 class Shape(Protocol):
     """Anything that can be sampled into control points."""
 
@@ -49,8 +52,36 @@ class Shape(Protocol):
         """Control points every ``spacing`` metres of arc, or as the shape prefers."""
 
 
-class Drawn(ABC):
+@dataclass(frozen=True, eq=False)
+class Strokes:
+    """Curves that are cut together.
+
+    Parameters
+    ----------
+    curves : tuple of Curve
+        At least one.
+    count : int or None
+        How many points they share if no spacing is asked for. None means one every `SPACING`.
+    """
+
+    curves: tuple[Curve, ...]
+    count: int | None
+
+    def sample(self, spacing: float | None = None) -> ControlPoints:
+        """Their control points; parameters and errors are those of `Drawn.sample`."""
+        if spacing is None:
+            spacing = SPACING if self.count is None else even_spacing(self.curves, self.count)
+        return sample_curves(self.curves, spacing)
+
+    def placed(self, matrix: NDArray[np.float64], offset: NDArray[np.float64]) -> Strokes:
+        """The same curves elsewhere."""
+        return Strokes(tuple(curve.placed(matrix, offset) for curve in self.curves), self.count)
+
+
+class Drawn(Scalable["Drawing"]):
     """A shape that is drawn as curves.
+
+    A copy in another place is a `Drawing`, and so is a sum with other shapes or control points.
 
     Attributes
     ----------
@@ -79,10 +110,67 @@ class Drawn(ABC):
         ValueError
             If the spacing is not positive, or so small that there are too many points.
         """
-        curves = self.curves()
-        if spacing is None:
-            spacing = SPACING if self.count is None else even_spacing(curves, self.count)
-        return sample_curves(curves, spacing)
+        return Strokes(self.curves(), self.count).sample(spacing)
+
+    @cached_property
+    def centre(self) -> NDArray[np.float64]:
+        """(3,) mean of the control points that it has if no spacing is asked for, in metres."""
+        return self.sample().centre
+
+    @property
+    def parts(self) -> tuple[Strokes | ControlPoints, ...]:
+        """What it is sampled from, one after the other."""
+        return (Strokes(self.curves(), self.count),)
+
+    def placed(self, matrix: NDArray[np.float64], offset: NDArray[np.float64]) -> Drawing:
+        """The shape whose points x are at ``matrix @ x + offset``; `moved`, `rotated` and `scaled` use it."""
+        return Drawing(tuple(part.placed(matrix, offset) for part in self.parts))
+
+    def __add__(self, other: Drawn | ControlPoints) -> Drawing:
+        """A shape of both: this one's points come first."""
+        return Drawing(self.parts + _parts(other)) if isinstance(other, (Drawn, ControlPoints)) else NotImplemented
+
+    def __radd__(self, other: ControlPoints) -> Drawing:
+        return Drawing(_parts(other) + self.parts) if isinstance(other, ControlPoints) else NotImplemented
+
+
+def _parts(shape: Drawn | ControlPoints) -> tuple[Strokes | ControlPoints, ...]:
+    return shape.parts if isinstance(shape, Drawn) else (shape,)
+
+
+class Drawing(Drawn):
+    """A shape of parts: moved, rotated or scaled shapes, and sums of shapes and control points.
+
+    Examples
+    --------
+    >>> eyes = Circle(0.01).moved((-0.02, 0.02, 0)) + Circle(0.01).moved((0.02, 0.02, 0))
+    >>> face = eyes + ControlPoints([[0, 0, 0.2]], amplitudes=0.5) + Circle(0.05)
+    >>> len(face.sample(0.01)), face.rotated(90)
+    (44, Drawing(30 points))
+    """
+
+    def __init__(self, parts: tuple[Strokes | ControlPoints, ...]) -> None:
+        self._parts = parts
+
+    def __repr__(self) -> str:
+        return f"Drawing({len(self.sample())} points)"
+
+    @property
+    def parts(self) -> tuple[Strokes | ControlPoints, ...]:
+        """The strokes and points."""
+        return self._parts
+
+    def curves(self) -> tuple[Curve, ...]:
+        """The curves of all parts; control points have none."""
+        return tuple(curve for part in self._parts if isinstance(part, Strokes) for curve in part.curves)
+
+    def sample(self, spacing: float | None = None) -> ControlPoints:
+        """The control points of the parts, one after the other; points that coincide are one.
+
+        Parameters and errors are those of `Drawn.sample`.
+        """
+        sampled = [part.sample(spacing) for part in self._parts]
+        return without_coincidences(reduce(ControlPoints.__add__, sampled))
 
 
 def _spokes(
@@ -432,7 +520,7 @@ READERS["Vertices"] = (
 )
 
 
-def parse_shape(text: str) -> Shape:
+def parse_shape(text: str) -> Drawn:
     """Read a shape such as ``sphere`` or ``polygon:sides=5,radius=0.05``.
 
     Raises
@@ -445,5 +533,5 @@ def parse_shape(text: str) -> Shape:
     name, _, parameters = text.partition(":")
     if name not in SHAPES:
         raise ValueError(f"unknown shape {name!r}; known are {', '.join(sorted(SHAPES))}")
-    shape: Shape = SHAPES[name](**read_parameters(name, parameters, SHAPES[name]))
+    shape: Drawn = SHAPES[name](**read_parameters(name, parameters, SHAPES[name]))
     return shape

@@ -77,10 +77,18 @@ def test_a_moved_array_is_turned_then_shifted() -> None:
     quarter = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
     tilted = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # z to -y
     array = TransducerArray([[1, 0, 0], [0, 2, 0]], [[0, 0, 1], [0, 0, 1]], response=[1j, 2])
-    moved = array.moved(quarter, [0, 0, 5])
+    moved = array.placed(quarter, [0, 0, 5])
     np.testing.assert_allclose(moved.positions, [[0, 1, 5], [-2, 0, 5]])
-    np.testing.assert_allclose(array.moved(tilted, [0, 0, 0]).normals, [[0, -1, 0]] * 2)
+    np.testing.assert_allclose(array.placed(tilted, [0, 0, 0]).normals, [[0, -1, 0]] * 2)
     np.testing.assert_array_equal(moved.response, array.response)
+
+
+def test_an_array_is_turned_about_its_centre_and_moved() -> None:
+    """A panel that faces the default one, 30 cm above it; a point of it goes where the hand would put it."""
+    panel = TransducerArray.grid(4, 2)
+    facing = panel.moved((0, 0, 0.3)).rotated(180, (1, 0, 0))
+    np.testing.assert_allclose(facing.positions, panel.positions * [1, -1, 1] + [0, 0, 0.3], atol=1e-12)
+    np.testing.assert_allclose(facing.normals, [[0, 0, -1]] * 8, atol=1e-12)
 
 
 def test_joined_panels_stand_in_their_order() -> None:
@@ -109,12 +117,12 @@ def test_joined_panels_stand_in_their_order() -> None:
         ),
         (lambda a: a.calibrated([1] * 4, [1, -0.1, 1, 1]), "limit -0.1 of transducer 1"),
         (lambda a: a.calibrated([1, 0, 0, 0], [0, 1, 1, 1]), "every working transducer has limit 0"),
-        (lambda a: a.moved(np.eye(3) * 2, [0, 0, 0]), r"must be a \(3, 3\) rotation matrix"),
-        (lambda a: a.moved(np.diag([1, 1, -1]), [0, 0, 0]), "rotation matrix"),
-        (lambda a: a.moved(np.full((3, 3), np.nan), [0, 0, 0]), "rotation matrix"),
-        (lambda a: a.moved(np.eye(2), [0, 0, 0]), "rotation matrix"),
-        (lambda a: a.moved(np.eye(3), [0, 0]), r"translation \[0.0, 0.0\] m must be three finite numbers"),
-        (lambda a: a.moved(np.eye(3), [0, 0, np.inf]), "translation"),
+        (lambda a: a.placed(np.eye(3) * 2, [0, 0, 0]), r"must be a \(3, 3\) rotation matrix"),
+        (lambda a: a.placed(np.diag([1, 1, -1]), [0, 0, 0]), "rotation matrix"),
+        (lambda a: a.placed(np.full((3, 3), np.nan), [0, 0, 0]), "rotation matrix"),
+        (lambda a: a.placed(np.eye(2), [0, 0, 0]), "rotation matrix"),
+        (lambda a: a.placed(np.eye(3), [0, 0]), r"translation \[0.0, 0.0\] m must be three finite numbers"),
+        (lambda a: a.placed(np.eye(3), [0, 0, np.inf]), "translation"),
         (lambda a: TransducerArray.joined([]), "at least one array"),
         (
             lambda a: TransducerArray.joined([a, TransducerArray.grid(1, 1, transducer=Transducer(5e-3))]),

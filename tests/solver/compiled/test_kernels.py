@@ -144,7 +144,7 @@ def test_pressure_is_the_double_one(model: str, absorbing: bool, seed: int) -> N
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn = axes * np.sign(np.linalg.det(axes))
     panel = TransducerArray.grid(7, 5, transducer=Transducer(model=model, polarity=-1))
-    array = TransducerArray.joined([panel, panel.moved(turn, [0.1, 0.2, 0.3])]).moved(np.eye(3), [5, -3, 9])
+    array = TransducerArray.joined([panel, panel.placed(turn, [0.1, 0.2, 0.3])]).placed(np.eye(3), [5, -3, 9])
     array = array.calibrated(rng.normal(size=70) + 1j * rng.normal(size=70))
     medium = Medium(33, absorbing=absorbing)
     drive = rng.uniform(0, 1, 70) * np.exp(2j * np.pi * rng.uniform(size=70))
@@ -194,7 +194,7 @@ def test_every_method_uses_the_tables(method: str, transducer: Transducer) -> No
 def test_points_too_far_for_single_precision_are_computed_in_double(array: TransducerArray) -> None:
     drive, far = np.ones(320), [[3.0, 0, 200.0], [0, 30.0, 500.0]]
     assert pressure(array, drive, far, precision="single").tolist() == pressure(array, drive, far).tolist()
-    wide = TransducerArray.joined([array, array.moved(np.eye(3), [20, 0, 0])])
+    wide = TransducerArray.joined([array, array.placed(np.eye(3), [20, 0, 0])])
     points = ControlPoints([[0, 0, 0.2], [20, 0, 0.2]])
     single, double = (solve(wide, points, "tikhonov", precision=p).drive for p in ("single", "double"))
     np.testing.assert_allclose(single, double, atol=1e-4)
@@ -203,14 +203,14 @@ def test_points_too_far_for_single_precision_are_computed_in_double(array: Trans
 def test_a_large_array_is_within_reach_of_the_kernels() -> None:
     """Of 64 × 64 transducers, 66 cm wide; the path by NumPy would be thirty times as slow."""
     assert CompiledEngine(TransducerArray.grid(64, 64), Medium(), "wgs", options_of("wgs"))._modelled
-    wide = TransducerArray.joined([TransducerArray.grid(), TransducerArray.grid().moved(np.eye(3), [20, 0, 0])])
+    wide = TransducerArray.joined([TransducerArray.grid(), TransducerArray.grid().placed(np.eye(3), [20, 0, 0])])
     assert not CompiledEngine(wide, Medium(), "wgs", options_of("wgs"))._modelled
 
 
 def test_samples_among_facing_panels_are_checked_one_by_one_and_fast() -> None:
     """All of them lie in the array's box; the one on a transducer is named."""
     up = TransducerArray.grid(8, 8)
-    pair = TransducerArray.joined([up, up.moved(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.1])])
+    pair = TransducerArray.joined([up, up.placed(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.1])])
     inside = np.random.default_rng(0).uniform([-0.03, -0.03, 0.02], [0.03, 0.03, 0.08], (20_000, 3))
     np.testing.assert_allclose(
         pressure(pair, np.ones(128), inside, precision="single")[:50], pressure(pair, np.ones(128), inside[:50]), atol=1

@@ -14,8 +14,24 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from phasewire import ControlPoints, Medium, Solver, Sphere, TransducerArray, pressure, solve
-from phasewire.solver import METHODS, Star, solve_frames
+from phasewire import (
+    Circle,
+    ControlPoints,
+    Hand,
+    Medium,
+    Mesh,
+    Shape,
+    Solver,
+    Sphere,
+    TransducerArray,
+    focus_report,
+    pressure,
+    solve,
+    solve_frames,
+    touch,
+    two_sided,
+)
+from phasewire.solver import METHODS, Star
 from phasewire.solver.acoustics.propagation import transfer_matrix
 from phasewire.solver.methods.methods import options_of
 from phasewire.solver.methods.solve import engine_for
@@ -171,6 +187,32 @@ def test_no_frames_are_no_drives(array: TransducerArray) -> None:
     assert solve_frames(array, []).shape == (0, 320)
 
 
+@pytest.mark.parametrize("wanted", [Circle(), Circle(0.02).moved((0.03, 0, 0)) + Sphere()])
+def test_a_shape_is_solved_as_its_points(wanted: Shape, array: TransducerArray) -> None:
+    points = wanted.sample()
+    expected = solve(array, points).drive
+    np.testing.assert_array_equal(solve(array, wanted).drive, expected)
+    np.testing.assert_array_equal(solve_frames(array, [wanted])[0], expected.astype(np.complex64))
+    np.testing.assert_array_equal(two_sided(array, wanted).drives, two_sided(array, points).drives)
+    assert focus_report(array, expected, wanted) == focus_report(array, expected, points)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        (Hand.flat(), r"a Hand has no control points; touch\(hand, mesh\).points has"),
+        (Mesh.cube(), "a Mesh has no control points"),
+        (touch(Hand.flat(), Mesh.cube()), "a Touch is solved by its points and their identities"),
+        ("circle", "control points must be .* numbers"),
+    ],
+)
+def test_what_has_no_control_points_is_refused(wanted: Any, message: str, array: TransducerArray) -> None:
+    with pytest.raises(ValueError, match=message):
+        solve(array, wanted)
+    with pytest.raises(ValueError, match=message):
+        two_sided(array, wanted)
+
+
 def test_a_bad_frame_among_many_is_named(array: TransducerArray) -> None:
     good, behind = ControlPoints([[0, 0, 0.2]]), ControlPoints([[0, 0, 0.2], [0, 0, -0.2]])
     with pytest.raises(ValueError, match=r"frame 2: control point 1 at .* is on the array or behind it"):
@@ -205,14 +247,14 @@ def test_panels_around_the_points_serve_them_together() -> None:
     """Two panels that face each other; their place in space does not change the solution."""
     half_turn = np.diag([1.0, -1.0, -1.0])
     panel = TransducerArray.grid(8, 8)
-    pair = TransducerArray.joined([panel, panel.moved(half_turn, [0, 0, 0.3])])
+    pair = TransducerArray.joined([panel, panel.placed(half_turn, [0, 0, 0.3])])
     points = ControlPoints([[0.01, 0, 0.14], [-0.01, 0.01, 0.16]], [1, 0.7])
     here = solve(pair, points)
     np.testing.assert_allclose(felt(here) / points.amplitudes, (felt(here) / points.amplitudes).mean(), rtol=0.01)
     assert felt(here).mean() > 1.5 * felt(solve(panel, points)).mean()
     c, s = np.cos(0.7), np.sin(0.7)
     turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-    there = solve(pair.moved(turn, [3, 4, -5]), ControlPoints(points.positions @ turn.T + [3, 4, -5], [1, 0.7]))
+    there = solve(pair.placed(turn, [3, 4, -5]), ControlPoints(points.positions @ turn.T + [3, 4, -5], [1, 0.7]))
     np.testing.assert_allclose(felt(there), felt(here), rtol=1e-3)
 
 
@@ -270,7 +312,7 @@ def test_unreachable_points_are_named(array: TransducerArray, method: str, bad: 
 
 def test_points_beside_the_array_are_reachable(array: TransducerArray) -> None:
     """The exact check decides if the quick check of the kernel cannot: these points are not refused."""
-    bowl = TransducerArray.joined([array, array.moved(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.5])])
+    bowl = TransducerArray.joined([array, array.placed(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.5])])
     for where in ([0, 0, 0.25], [0.3, 0, 0.02], [0, 0, 1.99]):
         assert np.isfinite(solve(bowl if where[2] < 0.3 else array, ControlPoints([where])).drive).all()
 
@@ -289,7 +331,7 @@ def test_a_plain_array_of_points_is_accepted(array: TransducerArray) -> None:
 @pytest.mark.parametrize("why", ["dead", "limited"])
 def test_points_that_only_silent_transducers_face_are_unreachable(method: str, why: str) -> None:
     up = TransducerArray.grid(4, 4)
-    facing = TransducerArray.joined([up, up.moved(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.1])])
+    facing = TransducerArray.joined([up, up.placed(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.1])])
     only_down = np.r_[np.zeros(16), np.ones(16)]
     silent = facing.calibrated(only_down) if why == "dead" else facing.calibrated(np.ones(32), only_down)
     with pytest.raises(ValueError, match=r"control point 0 at .* as far as that can sound"):

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire import Circle, Sphere
+from phasewire import Circle, ControlPoints, Sphere
 from phasewire.errors import InputFileError
 from phasewire.solver.shapes.shapes import (
     SHAPES,
@@ -25,6 +26,7 @@ from phasewire.solver.shapes.shapes import (
     shape_help,
 )
 from scipy.spatial.distance import pdist
+from scipy.spatial.transform import Rotation
 
 
 def test_the_demo_s_sphere_is_cut_in_a_circle_of_4_cm() -> None:
@@ -50,6 +52,74 @@ def test_a_circle_is_sampled_evenly_about_every_15_mm() -> None:
     assert len(positions) == 17
     steps = np.linalg.norm(np.roll(positions, -1, axis=0) - positions, axis=1)
     np.testing.assert_allclose(steps, 2 * 0.04 * math.sin(math.pi / 17))
+
+
+PLACES = st.tuples(*[st.floats(-0.1, 0.1)] * 3)
+
+
+@pytest.mark.parametrize("shape", [Circle(x=0.02), Star(rotation=20), Rings(), Polyline()])
+@given(offset=PLACES, degrees=st.floats(-360, 360), factor=st.floats(0.5, 2))
+def test_copies_elsewhere_have_their_points_there(
+    shape: Drawn, offset: tuple[float, float, float], degrees: float, factor: float
+) -> None:
+    """As scipy turns them; larger copies have their points as far apart as was asked for."""
+    points, spacing = shape.sample(0.005), 0.005
+    np.testing.assert_allclose(shape.moved(offset).sample(spacing).positions, points.positions + offset, atol=1e-12)
+    turn = Rotation.from_rotvec(np.radians(degrees) * np.array([0, 0.6, 0.8]))
+    turned = shape.rotated(degrees, (0, 3, 4))
+    np.testing.assert_allclose(
+        turned.sample(spacing).positions, turn.apply(points.positions - shape.centre) + shape.centre, atol=1e-12
+    )
+    larger = turned.scaled(factor)
+    np.testing.assert_allclose(larger.sample().centre, shape.centre, atol=0.003)  # with other numbers of points
+    np.testing.assert_allclose(
+        larger.sample(spacing * factor).positions - shape.centre,
+        factor * (turned.sample(spacing).positions - shape.centre),
+        atol=1e-12,
+    )
+
+
+def test_a_sum_has_the_points_of_its_parts_in_order_and_each_place_once() -> None:
+    """Two squares with a common side; each keeps its default number of points."""
+    left, point = Polygon(radius=0.02 * math.sqrt(2), x=-0.02), ControlPoints([[0, 0, 0.3]], 0.5)
+    right = left.moved((0.04, 0, 0))
+    pair = left + right
+    both = pair.sample(0.01)
+    assert len(both) == 16 + 16 - 5
+    np.testing.assert_allclose(both.positions[:16], left.sample(0.01).positions)
+    assert pdist(both.positions).min() == pytest.approx(0.01)
+    for sum_, at in ((point + left, 0), (left + point, -1)):
+        assert sum_.sample().amplitudes[at] == 0.5
+        assert len(sum_.sample()) == len(left.sample()) + 1
+    with_star = (left + Star()).moved((0, 0, 0.1))
+    assert len(with_star.sample()) == len(left.sample()) + 30
+    assert "Drawing" in repr(with_star)
+
+
+def test_points_are_moved_and_added_with_their_amplitudes() -> None:
+    points = ControlPoints([[0, 0, 0.2], [0.02, 0, 0.2]], [1, 0.5])
+    more = points + points.scaled(2).rotated(90).moved((0, 0, 0.1))
+    np.testing.assert_allclose(more.positions[2:], [[0.01, -0.02, 0.3], [0.01, 0.02, 0.3]], atol=1e-12)
+    np.testing.assert_array_equal(more.amplitudes, [1, 0.5, 1, 0.5])
+    np.testing.assert_array_equal(ControlPoints(points.positions, 0.3).amplitudes, [0.3, 0.3])
+    assert points.sample(0.001) is points
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: Circle().moved(3), ValueError, r"offset 3.0 must be three numbers of metres"),
+        (lambda: Circle().scaled(0), ValueError, "scale 0 must be positive"),
+        (lambda: Circle().rotated(90, (0, 0, 0)), ValueError, "axis .* not all of them 0"),
+        (lambda: Circle() + 3, TypeError, "unsupported operand"),  # type: ignore[operator]
+        (lambda: ControlPoints([[0, 0, 1]], -1), ValueError, "amplitude -1.0 of control point 0"),
+    ],
+)
+def test_impossible_copies_and_sums_are_refused(
+    make: Callable[[], object], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        make()
 
 
 def test_a_tiny_circle_is_one_point() -> None:
