@@ -1,35 +1,44 @@
-"""A run as one self-contained page of HTML: no script, no font, no picture, no network.
+"""A run as one self-contained page of HTML: no font, no other file, no network.
 
-What broke comes first, then each clause of SPEC.md with its cases, then each case with its evidence. The page is built
-from elements, never from pieces of text, so that no answer of a device becomes markup.
+The results that need attention come first, with their evidence; then each clause of SPEC.md with its cases, then all
+cases. The page is complete without its script, which only searches and filters. It is built from elements, never from
+pieces of text, so that no answer of a device becomes markup.
 """
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Iterable, Iterator, Mapping
+from hashlib import sha256
+from itertools import groupby
 from urllib.parse import quote
 from xml.etree.ElementTree import Element, tostring
 
 from ..matrix import Chapter, ClauseRows, Level, Matrix, MatrixRow
 from ..verdicts import Evidence, Result, Run, Verdict
 from .markup import element
-from .style import STYLE
+from .script import SCRIPT
+from .style import LIGHT, STYLE
 from .summary import (
+    RunOutcome,
     Standing,
     by_reason,
     groups,
     outcome,
     provenance_rows,
+    rolled_up,
     standing,
     verdict_line,
     why,
-    worst,
 )
 
 __all__ = ["page"]
 
-SEALED = "default-src 'none'; style-src 'unsafe-inline'"
-"""The page may load nothing, whatever text it contains."""
+SEALED = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
+    f"script-src 'sha256-{b64encode(sha256(SCRIPT.encode()).digest()).decode()}'"
+)
+"""The page may load nothing and run only its own script, whatever text it contains."""
 MARKS = {
     Standing.FAIL: "✗",
     Standing.UNEXPECTED_PASS: "✗",
@@ -39,6 +48,14 @@ MARKS = {
     Standing.NOT_APPLICABLE: "–",
     Standing.PASS: "✓",
 }
+ICONS = {"fail": "M5 5 11 11M11 5 5 11", "open": "M4 8H12", "pass": "M4 8.5 7 11.5 12 5"}
+"""Strokes of a cross, a dash and a check mark, in a square of 16."""
+FINDINGS = {Standing.FAIL, Standing.UNEXPECTED_PASS, Standing.WARN, Standing.KNOWN_FAILURE}
+"""Results that are told with their evidence."""
+ROLL_UP = (
+    "A clause fails if one of its cases fails. Otherwise it warns if one warns, passes if one passes, and is "
+    "inconclusive if no case that applies could be judged."
+)
 
 
 def page(run: Run, matrix: Matrix) -> str:
@@ -48,7 +65,8 @@ def page(run: Run, matrix: Matrix) -> str:
         element("meta", charset="utf-8"),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
         element("meta", **{"http-equiv": "Content-Security-Policy", "content": SEALED}),
-        element("title", f"{outcome(run).value.upper()} – conformance to the phasewire protocol"),
+        element("title", f"{verdict_line(run)} – phasewire conformance"),
+        element("link", rel="icon", href=_icon(_tone(run))),
         element("style", STYLE),
     )
     parts = [part for part in _sections(run, matrix) if part is not None]
@@ -59,12 +77,42 @@ def page(run: Run, matrix: Matrix) -> str:
             "header",
             element("p", "phasewire conformance", class_="kicker"),
             element("h1", _device(run)),
-            element("p", verdict_line(run), class_=f"verdict {outcome(run).value}"),
+            element("p", verdict_line(run), class_=f"verdict {_tone(run)}"),
             element("nav", element("ul", *links), **{"aria-label": "Sections"}),
         ),
+        _search(),
         element("main", *parts),
+        element("script", SCRIPT),
     )
     return "<!DOCTYPE html>\n" + tostring(element("html", head, body, lang="en"), encoding="unicode", method="html")
+
+
+def _tone(run: Run) -> str:
+    """The colour and the sign of the verdict: a run without a pass is neither good nor bad."""
+    if outcome(run) is RunOutcome.FAIL:
+        return "fail"
+    return "pass" if run.count(Verdict.PASS) else "open"
+
+
+def _icon(tone: str) -> str:
+    """The icon of the tab, as a URL that holds the picture."""
+    stroke = f"<path d='{ICONS[tone]}' stroke='#fff' stroke-width='2.2' fill='none'/>"
+    disc = f"<circle cx='8' cy='8' r='8' fill='{LIGHT[tone]}'/>"
+    return "data:image/svg+xml," + quote(
+        f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'>{disc}{stroke}</svg>"
+    )
+
+
+def _search() -> Element:
+    """The field and the filter of the script, which shows them."""
+    options = (element("option", f"{MARKS[kind]} {kind.value}", value=kind.value) for kind in Standing)
+    return element(
+        "search",
+        element("label", "Search ", element("input", type="search", placeholder="BLK-003, watchdog, …")),
+        element("label", "Verdict ", element("select", element("option", "all", value=""), *options)),
+        element("output"),
+        hidden="",
+    )
 
 
 def _device(run: Run) -> str:
@@ -84,8 +132,10 @@ def _sections(run: Run, matrix: Matrix) -> Iterator[Element | None]:
     yield _listed("known", "What failed as known", map(_finding, told[Standing.KNOWN_FAILURE]))
     yield _listed("not-applicable", "What did not apply", _reasons(told[Standing.NOT_APPLICABLE]))
     results = {result.case: result for result in run.results}
-    yield _section("clauses", "Clauses", *(_chapter(chapter, results) for chapter in matrix.chapters))
-    yield _section("cases", "Cases", *(part for name, found in groups(run).items() for part in _group(name, found)))
+    yield _section(
+        "clauses", "Clauses", element("p", ROLL_UP), *(_chapter(chapter, results) for chapter in matrix.chapters)
+    )
+    yield _section("cases", "Cases", *(_group(name, found) for name, found in groups(run).items()))
 
 
 def _section(name: str, heading: str, *content: Element) -> Element:
@@ -105,8 +155,7 @@ def _scrolling(table: Element) -> Element:
 
 def _badge(kind: Standing) -> Element:
     """A standing in a word; sign and colour only repeat it."""
-    sign = element("span", MARKS[kind], **{"aria-hidden": "true"})
-    return element("span", sign, f" {kind.value}", class_=f"badge {kind.name.lower()}")
+    return element("b", f"{MARKS[kind]} {kind.value}", class_=kind.name.lower())
 
 
 def _place(case: str) -> str:
@@ -114,26 +163,41 @@ def _place(case: str) -> str:
     return quote(case)
 
 
-def _link(result: Result) -> Element:
-    return element("a", result.case, href=f"#{_place(result.case)}", class_="case")
+def _link(result: Result, text: str = "") -> Element:
+    return element("a", text or result.case, href=f"#{_place(result.case)}")
 
 
 def _finding(result: Result) -> Element:
-    """A result that needs attention."""
-    return element("li", _badge(standing(result)), " ", _link(result), *_about(result))
+    """A result that needs attention, with its evidence; open if it broke."""
+    shown = element("li", _badge(standing(result)), f" {result.case}", *_about(result))
+    shown.attrib |= {"id": _place(result.case), "data-kind": standing(result).value}
+    if result.evidence:
+        opened = {"open": ""} if result.breaks else {}
+        shown.append(element("details", element("summary", "Evidence"), _evidence(result.evidence), **opened))
+    return shown
 
 
 def _about(result: Result) -> Iterator[Element]:
-    """The sentence of a case, the reason of its verdict, and its evidence."""
+    """The sentence of a case, the reason of its verdict, and the clauses that it shows."""
     yield element("p", result.sentence)
     if result.reason:
         yield element("p", why(result), class_="reason")
     if result.known is not None:
         yield element("p", f"Expected to fail: {result.known}", class_="reason")
+    yield element("p", "Shows ", *_clauses(result), f"; took {result.seconds:.3f} s.", class_="small")
+
+
+def _clauses(result: Result) -> list[Element]:
+    """Links to the clauses that a case shows."""
     links = [element("a", clause, href=f"#{clause.partition('/')[0]}") for clause in result.clauses]
     for link in links[:-1]:
         link.tail = ", "
-    yield element("p", "Shows ", *links, f"; took {result.seconds:.3f} s.", class_="small")
+    return links
+
+
+def _evidence(evidence: tuple[Evidence, ...]) -> Element:
+    rows = (element("div", element("dt", item.label), element("dd", item.text)) for item in evidence)
+    return element("dl", *rows, class_="evidence")
 
 
 def _reasons(results: Iterable[Result]) -> Iterator[Element]:
@@ -141,8 +205,9 @@ def _reasons(results: Iterable[Result]) -> Iterator[Element]:
     for reason, found in by_reason(results).items():
         cases = element("ul", *(element("li", _link(result)) for result in found))
         number = f"{len(found)} {'case' if len(found) == 1 else 'cases'}"
-        kind = _badge(standing(found[0]))
-        yield element("li", element("details", element("summary", kind, f" {number}: {reason}"), cases))
+        kind = standing(found[0])
+        summary = element("summary", _badge(kind), f" {number}: {reason}")
+        yield element("li", element("details", summary, cases), **{"data-kind": kind.value})
 
 
 def _counts(run: Run) -> Element:
@@ -170,7 +235,7 @@ def _chapter(chapter: Chapter, results: Mapping[str, Result]) -> Element:
     head = element("tr", *(element("th", name, scope="col") for name in ("clause", "says", "shown by", "verdict")))
     bodies = (_clause(clause, results) for clause in chapter.clauses)
     table = element("table", element("thead", head), *bodies, class_="clauses")
-    verdict = worst(
+    verdict = rolled_up(
         results[case].verdict
         for clause in chapter.clauses
         for row in clause.rows
@@ -183,14 +248,13 @@ def _chapter(chapter: Chapter, results: Mapping[str, Result]) -> Element:
 
 
 def _clause(clause: ClauseRows, results: Mapping[str, Result]) -> Element:
-    rows = (_row(row, results) for row in clause.rows)
-    return element("tbody", *rows, id=clause.clause.identifier)
+    return element("tbody", *(_row(row, results) for row in clause.rows), id=clause.clause.identifier)
 
 
 def _row(row: MatrixRow, results: Mapping[str, Result]) -> Element:
     found = [results[case] for case in row.cases if case in results]
-    verdict = worst(result.verdict for result in found)
-    cases = [element("li", _badge(standing(result)), " ", _link(result)) for result in found]
+    verdict = rolled_up(result.verdict for result in found)
+    cases = [element("li", *_alike(alike)) for alike in _by_name(found)]
     cases += [element("li", f"{case} (did not run)", class_="small") for case in row.cases if case not in results]
     if verdict is not None:
         came: Element | str = _badge(Standing(verdict.value))
@@ -202,28 +266,49 @@ def _row(row: MatrixRow, results: Mapping[str, Result]) -> Element:
         came = "no case" if row.level is not Level.NONE else ""
     shown = [element("ul", *cases)] if cases else []
     shown += [element("p", row.reason, class_="small")] if row.reason is not None else []
-    return element(
+    made = element(
         "tr",
         element("th", row.name, scope="row"),
         element("td", row.sentence),
         element("td", *shown),
         element("td", came),
     )
+    made.attrib["data-kind"] = verdict or ""
+    return made
 
 
-def _group(name: str, results: Iterable[Result]) -> Iterator[Element]:
-    yield element("h3", name)
-    yield from map(_case, results)
+def _by_name(results: Iterable[Result]) -> Iterator[list[Result]]:
+    """Neighbours of one name, whatever their parameters, and of one standing."""
+    return (
+        list(alike) for _, alike in groupby(results, lambda result: (result.case.partition("[")[0], standing(result)))
+    )
+
+
+def _alike(results: list[Result]) -> Iterator[Element | str]:
+    """One case, or the number of cases that differ only in their parameters."""
+    first = results[0]
+    yield _badge(standing(first))
+    yield " "
+    yield _link(first, first.case.partition("[")[0] if len(results) > 1 else "")
+    if len(results) > 1:
+        yield f" × {len(results)}"
+
+
+def _group(name: str, results: Iterable[Result]) -> Element:
+    """All cases of a group; neighbours that say and show the same stand together."""
+    made = element("section", element("h3", name))
+    for (sentence, _), alike in groupby(results, lambda result: (result.sentence, result.clauses)):
+        found = list(alike)
+        about = element("p", sentence, " ", element("small", *_clauses(found[0])))
+        made.append(element("div", about, element("ul", *map(_case, found)), class_="cases"))
+    return made
 
 
 def _case(result: Result) -> Element:
-    """A case with its evidence; open if it broke."""
-    opened = {"open": ""} if result.breaks else {}
-    summary = element("summary", _badge(standing(result)), " ", element("span", result.case, class_="case"))
-    return element("details", summary, *_about(result), *_evidence(result.evidence), id=_place(result.case), **opened)
-
-
-def _evidence(evidence: tuple[Evidence, ...]) -> Iterator[Element]:
-    if evidence:
-        rows = (element("div", element("dt", item.label), element("dd", item.text)) for item in evidence)
-        yield element("dl", *rows, class_="evidence")
+    """One line for a case; a finding has its place above."""
+    if standing(result) in FINDINGS:
+        made = element("li", _badge(standing(result)), " ", _link(result))
+    else:
+        made = element("li", _badge(standing(result)), f" {result.case}", id=_place(result.case))
+    made.attrib["data-kind"] = standing(result).value
+    return made

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..matrix import Matrix
 from ..verdicts import Result, Run, Verdict
-from .summary import Standing, outcome, standing, verdict_line, worst
+from .summary import Standing, outcome, rolled_up, standing, verdict_line
 
 __all__ = ["FORMAT", "record"]
 
@@ -22,8 +22,8 @@ def record(run: Run, matrix: Matrix) -> dict[str, Any]:
     -------
     dict
         ``outcome`` is ``fail``, ``pass``, or ``part`` if nothing broke but not all was shown; an interrupted run is
-        ``fail``. ``counts`` has each verdict, and in addition what was expected. A row of the matrix has the worst
-        verdict of its cases; null if none of them ran.
+        ``fail``. ``counts`` has each verdict, and in addition what was expected. A row of the matrix has the
+        verdict of its cases together (`rolled_up`); null if none of them ran.
     """
     verdicts = {result.case: result.verdict for result in run.results}
     standings = [standing(result) for result in run.results]
@@ -66,5 +66,5 @@ def _matrix(matrix: Matrix, verdicts: Mapping[str, Verdict]) -> dict[str, Any]:
     for chapter in found["chapters"]:
         for clause in chapter["clauses"]:
             for row in clause["rows"]:
-                row["verdict"] = worst(verdicts[case] for case in row["cases"] if case in verdicts)
+                row["verdict"] = rolled_up(verdicts[case] for case in row["cases"] if case in verdicts)
     return found

@@ -48,13 +48,13 @@ KINDS = {
     "fail": "fail",
     "unexpected_pass": "fail",
     "warn": "warn",
-    "part": "warn",
     "known_failure": "known",
     "inconclusive": "open",
+    "open": "open",
     "not_applicable": "none",
     "pass": "pass",
 }
-"""The pair of colours of a badge, or of the run's verdict."""
+"""The pair of colours of a standing, or of the run's verdict."""
 
 
 def _variables(colours: dict[str, str]) -> str:
@@ -63,7 +63,8 @@ def _variables(colours: dict[str, str]) -> str:
 
 def _kinds() -> str:
     return "\n".join(
-        f".{kind} {{ color: var(--{pair}); background: var(--{pair}-ground); }}" for kind, pair in KINDS.items()
+        f"b.{kind}, .verdict.{kind} {{ color: var(--{pair}); background: var(--{pair}-ground); }}"
+        for kind, pair in KINDS.items()
     )
 
 
@@ -88,11 +89,24 @@ p {{ margin: .35rem 0; max-width: 70ch; }}
 }}
 .small {{ font-size: .875rem; color: var(--quiet); }}
 .reason {{ font-weight: 600; white-space: pre-wrap; overflow-wrap: anywhere; }}
-.case {{ overflow-wrap: anywhere; }}
-.badge {{
+li, td {{ overflow-wrap: anywhere; }}
+b[class] {{
   display: inline-block; padding: 0 .5em; border-radius: .3rem; font-size: .875rem; font-weight: 600;
   white-space: nowrap;
 }}
+search {{
+  position: sticky; top: 0; z-index: 1; display: flex; flex-wrap: wrap; gap: .5rem 1.25rem; align-items: center;
+  margin-top: 1rem; padding: .6rem 0; background: var(--ground); border-bottom: 1px solid var(--line);
+}}
+search input, search select {{
+  font: inherit; padding: .2rem .5rem; color: var(--text); background: var(--raised); border: 1px solid var(--line);
+  border-radius: .3rem; max-width: 100%;
+}}
+[hidden] {{ display: none !important; }}
+[id] {{ scroll-margin-top: 4rem; }}
+.cases {{ margin: .9rem 0; }}
+.cases ul {{ margin: 0; padding: 0; list-style: none; }}
+.cases p {{ max-width: none; }}
 {_kinds()}
 nav ul {{ display: flex; flex-wrap: wrap; gap: .25rem 1.25rem; margin: 1rem 0 0; padding: 0; list-style: none; }}
 .findings {{ margin: 0; padding: 0; list-style: none; }}
@@ -123,13 +137,13 @@ dd {{ margin: 0; white-space: pre-wrap; overflow-wrap: anywhere; }}
   :root {{ font-size: 9pt; }}
   body {{ max-width: none; padding: 0; }}
   .clauses {{ min-width: 0; }}
-  nav {{ display: none; }}
+  nav, search {{ display: none; }}
   h2, h3, summary {{ break-after: avoid; }}
   tr, .findings > li, summary, dl > div {{ break-inside: avoid; }}
   thead {{ display: table-header-group; }}
   #clauses, #cases {{ break-before: page; }}
   details {{ padding: .2rem 0; background: none; }}
-  .badge, .verdict {{ border: 1px solid; }}
+  b[class], .verdict {{ border: 1px solid; }}
   a {{ color: inherit; text-decoration: none; }}
   .scrolling {{ overflow: visible; }}
 }}

@@ -15,10 +15,10 @@ __all__ = [
     "groups",
     "outcome",
     "provenance_rows",
+    "rolled_up",
     "standing",
     "verdict_line",
     "why",
-    "worst",
 ]
 
 
@@ -130,13 +130,14 @@ def _in_common(results: Sequence[Result]) -> str:
     return first if all(result.reason == first for result in results) else f"{first} (others: other numbers)"
 
 
-def worst(verdicts: Iterable[Verdict]) -> Verdict | None:
-    """The verdict of several cases together, the worst of all; None if there is none.
+def rolled_up(verdicts: Iterable[Verdict]) -> Verdict | None:
+    """The verdict of a clause from those of its cases; None if there is none.
 
-    A pass does not outweigh a case that could not be judged.
+    It fails if one case fails. Otherwise it warns if one warns, passes if one passes, and is inconclusive only if no
+    case that applies could be judged.
     """
     found = set(verdicts)
-    order = (Verdict.FAIL, Verdict.WARN, Verdict.INCONCLUSIVE, Verdict.PASS, Verdict.NOT_APPLICABLE)
+    order = (Verdict.FAIL, Verdict.WARN, Verdict.PASS, Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE)
     return next((verdict for verdict in order if verdict in found), None)
 
 

@@ -12,9 +12,9 @@ from phasewire.hil.conformance.reports.summary import (
     by_reason,
     groups,
     outcome,
+    rolled_up,
     standing,
     verdict_line,
-    worst,
 )
 from phasewire.hil.conformance.verdicts import Result, Run, Verdict
 
@@ -112,10 +112,12 @@ def test_results_are_grouped_in_the_order_of_the_run_and_reasons_by_how_many_hav
         ([], None),
         ([PASS, FAIL, OPEN], FAIL),
         ([PASS, WARN, OPEN], WARN),
-        ([PASS, OPEN, NONE], OPEN),
+        ([PASS, OPEN, NONE], PASS),
+        ([OPEN, NONE], OPEN),
+        ([OPEN, OPEN], OPEN),
         ([NONE, PASS], PASS),
         ([NONE], NONE),
     ],
 )
-def test_several_cases_show_no_more_than_the_worst(verdicts: list[Verdict], expected: Verdict | None) -> None:
-    assert worst(verdicts) is expected
+def test_a_clause_is_inconclusive_only_if_all_its_cases_are(verdicts: list[Verdict], expected: Verdict | None) -> None:
+    assert rolled_up(verdicts) is expected
