@@ -182,6 +182,10 @@ class Emulator:
         self.power_up()
         self.run_until_started()
 
+    def __repr__(self) -> str:
+        state = "off" if self.controller is None else self.controller.state.name
+        return f"Emulator({self.serial}, {state})"
+
     # Power
 
     @property

@@ -99,6 +99,9 @@ class Playback:
                 f"a medium for {self.medium.frequency:g} Hz does not fit the boards' carrier of {CARRIER_HZ} Hz"
             )
 
+    def __repr__(self) -> str:
+        return f"Playback({self.capture}, {len(self.array)} transducers)"
+
     @property
     def resonator(self) -> Resonator:
         """The resonance of the array's transducers."""

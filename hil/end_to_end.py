@@ -66,6 +66,9 @@ class EndToEnd:
     ack: Ack
     capture: Capture
 
+    def __repr__(self) -> str:
+        return f"EndToEnd({self.solution}, {self.capture})"
+
     @property
     def latch_ticks(self) -> list[int]:
         """Tick at which each of the ten processors began to play."""

@@ -44,6 +44,9 @@ class TouchRun:
     ack: Ack
     capture: Capture
 
+    def __repr__(self) -> str:
+        return f"TouchRun({self.intended}, {self.capture})"
+
     @property
     def array(self) -> TransducerArray:
         """The transducers."""

@@ -101,6 +101,9 @@ class Pulses:
         if self.phase.shape != self.width.shape:
             raise ValueError(f"{self.phase.size} phases but {self.width.size} widths: one of each is needed")
 
+    def __repr__(self) -> str:
+        return f"Pulses({len(self.width)} outputs, widths {self.width.min()} to {self.width.max()} ticks)"
+
     def __len__(self) -> int:
         return int(self.phase.size)
 

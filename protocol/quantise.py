@@ -26,6 +26,9 @@ class PulseFrames(NamedTuple):
     phase: NDArray[np.uint8]
     width: NDArray[np.uint8]
 
+    def __repr__(self) -> str:
+        return f"PulseFrames({len(self.phase)} × {self.phase.shape[-1]} outputs)"
+
     def pulses(self, number: int) -> Pulses:
         """One frame by its number, a view of it."""
         return Pulses.trusted(self.phase[number], self.width[number])

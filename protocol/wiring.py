@@ -68,6 +68,9 @@ class Wiring:
         table.setflags(write=False)
         object.__setattr__(self, "channels", table)
 
+    def __repr__(self) -> str:
+        return f"Wiring({len(self.channels)} transducers)"
+
     @classmethod
     def strips(cls) -> Wiring:
         """The default: each board under a strip of four columns, its processors under the lower and the upper half.

@@ -9,7 +9,18 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["FARTHEST", "Movable", "Scalable", "Scalar", "as_points", "as_position", "frozen", "rotation_matrix"]
+__all__ = [
+    "FARTHEST",
+    "Movable",
+    "Scalable",
+    "Scalar",
+    "as_points",
+    "as_position",
+    "extent",
+    "frozen",
+    "place",
+    "rotation_matrix",
+]
 
 FARTHEST = 1000.0
 """Largest coordinate in metres. Sound at 40 kHz is long gone by then, and nothing overflows."""
@@ -115,6 +126,17 @@ def rotation_matrix(degrees: float, axis: ArrayLike) -> NDArray[np.float64]:
     angle = math.radians(degrees)
     turn: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
     return turn
+
+
+def extent(points: NDArray[np.float64]) -> str:
+    """The size of the box around (m, 3) points for people, such as ``196 × 155 × 0 mm``."""
+    return " × ".join(f"{length * 1e3:.3g}" for length in np.ptp(points, axis=0)) + " mm"
+
+
+def place(point: ArrayLike) -> str:
+    """A place of (3,) metres for people, such as ``(0, 0, 200) mm``."""
+    rounded = np.round(np.asarray(point) * 1e3, 1) + 0.0  # no minus before zero
+    return f"({', '.join(f'{value:g}' for value in rounded)}) mm"
 
 
 def frozen(values: NDArray[Scalar]) -> NDArray[Scalar]:

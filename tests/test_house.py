@@ -11,9 +11,9 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-import phasewire
+import phasewire as pw
 import pytest
-from phasewire import Medium, TransducerArray
+from phasewire import Emulator, Medium, Solution, TransducerArray
 from phasewire.protocol import board
 from phasewire.solver.methods.options import PHASE_LEVELS
 
@@ -41,12 +41,12 @@ def test_the_package_has_its_names_and_subpackages_without_further_imports() -> 
     subprocess.run([sys.executable, "-c", code], timeout=60, check=True)
 
 
-@pytest.mark.parametrize("module", [phasewire, *(getattr(phasewire, room) for room in ROOMS)])
+@pytest.mark.parametrize("module", [pw, *(getattr(pw, room) for room in ROOMS)])
 def test_dir_lists_public_names_alone(module: ModuleType) -> None:
     for name in dir(module):
         value = getattr(module, name)
         if isinstance(value, ModuleType):
-            assert module is phasewire
+            assert module is pw
             assert name in {*ROOMS, "errors", "units"}
         assert name.isidentifier()
         assert not name.startswith("_")
@@ -54,7 +54,7 @@ def test_dir_lists_public_names_alone(module: ModuleType) -> None:
 
 
 def test_the_version_is_that_of_the_project() -> None:
-    assert phasewire.__version__ == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert pw.__version__ == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 
 
 @pytest.mark.parametrize(
@@ -73,6 +73,36 @@ def test_importing_the_package_imports_no_slow_module() -> None:
     code = f"import sys, phasewire, phasewire.cli.commands; print([name for name in {slow} if name in sys.modules])"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert ended.stdout.strip() == "[]"
+
+
+def test_objects_show_themselves_in_one_short_line(sphere_solution: Solution, emulator: Emulator) -> None:
+    array, drive, points = sphere_solution.array, sphere_solution.drive, sphere_solution.points
+    pair, pulses = pw.two_sided(array, points), pw.Pulses.from_drive(drive)
+    box = pw.Grid.along("xyz", (0, 0, 0.2), 0.02, 0.01)
+    report = pw.focus_report(array, drive, pw.ControlPoints([[0, 0, 0.2], [0.03, 0, 0.2]], [1, 0]))
+    hand, mesh = pw.Hand.flat(), pw.Mesh.cube()
+    touch = pw.touch(hand, mesh)
+    emulator.run(2)
+    made: list[object] = [sphere_solution, array, array.transducer, points, pw.Solver(array), pw.Medium(), box, report]
+    made += [pair, pair.gain, pair.split, pair.modulation, pw.TwoSidedSolver(array), *report.foci, *report.nulls]
+    made += [pw.sample_plane(array, drive, 0.2), pw.sample_volume(array, drive, box), report.strongest_lobe]
+    made += [
+        pw.PlanePropagator(array, 0.2),
+        pw.Polyline(tuple(map(tuple, points.positions))),
+        pw.Star(),
+        pw.Star() + points,
+    ]
+    made += [hand, mesh, mesh.solid, touch, touch.cuts, pulses, pw.Wiring.strips(), pw.Pose.none(), pw.sine(200)]
+    made += [pw.Calibration.perfect(320), emulator, emulator.capture()]
+    with pw.open_device("emulator:") as device:
+        lines = [repr(value) for value in [*made, device]]
+    for value, line in zip([*made, device], lines, strict=True):
+        assert line.startswith(type(value).__name__ + "("), line
+        assert len(line) <= 105, line
+        assert "array(" not in line
+        assert "\n" not in line
+    assert lines[1] == "TransducerArray(320 transducers, 196 × 154 × 0 mm)"
+    assert repr(mesh) == "Mesh(12 faces, 100 × 100 × 100 mm about (0, 0, 170) mm)"
 
 
 def test_a_public_class_name_has_one_meaning() -> None:

@@ -80,6 +80,10 @@ class Capture:
     open_since: Mapping[int, int] = field(default_factory=dict)
     start_tick: int = 0
 
+    def __repr__(self) -> str:
+        ticks = self.end_tick - self.start_tick
+        return f"Capture({len(self.tracks)} ports, {ticks} ticks, {ticks / TICKS_PER_PERIOD:g} periods)"
+
     @property
     def open_transducers(self) -> frozenset[int]:
         """Transducers that are not connected, even if they were disconnected after the end."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputFileError
 from ...solver.contact.hand import Hand
-from ...solver.geometry import as_points, as_position, frozen, rotation_matrix
+from ...solver.geometry import as_points, as_position, frozen, place, rotation_matrix
 from ...storage import FilePath, read_toml
 from .frames import HandFrame
 
@@ -51,6 +51,9 @@ class Pose:
         object.__setattr__(self, "translation", frozen(as_position(self.translation, "translation")))
         if not LEAST_SCALE <= self.scale <= MOST_SCALE:
             raise ValueError(f"scale {self.scale} must be from {LEAST_SCALE} to {MOST_SCALE}")
+
+    def __repr__(self) -> str:
+        return f"Pose(translation {place(self.translation)}, scale {self.scale:g})"
 
     @classmethod
     def none(cls) -> Self:

@@ -112,6 +112,9 @@ class AsyncDevice:
     def __init__(self, device: Device) -> None:
         self.device = device
 
+    def __repr__(self) -> str:
+        return f"AsyncDevice({self.name})"
+
     @property
     def info(self) -> Info:
         """The device's description of itself."""

@@ -73,6 +73,10 @@ class Calibration:
         object.__setattr__(self, "polarity", frozen(columns[2].astype(np.int8)))
         object.__setattr__(self, "dead", frozen(columns[3].astype(np.bool_)))
 
+    def __repr__(self) -> str:
+        gains = f"gains {self.gain.min():.3g} to {self.gain.max():.3g}"
+        return f"Calibration({len(self)} transducers, {gains}, {int(np.sum(self.dead))} dead)"
+
     @classmethod
     def perfect(cls, n: int) -> Self:
         """``n`` ideal transducers."""

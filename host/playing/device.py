@@ -130,6 +130,9 @@ class Device:
         if not observe:
             self._session.begin()
 
+    def __repr__(self) -> str:
+        return f"Device({self.name})"
+
     @property
     def info(self) -> Info:
         """The device's description of itself."""

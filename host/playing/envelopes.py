@@ -22,6 +22,9 @@ class Envelope(NamedTuple):
     samples: bytes
     hold: int
 
+    def __repr__(self) -> str:
+        return f"Envelope({len(self.samples)} samples, {self.frequency:g} Hz)"
+
     @property
     def frequency(self) -> float:
         """Its repetition rate, in Hz."""

@@ -235,6 +235,9 @@ class Recording:
         if self._frames > head.frames or (self._frames == head.frames and odd):
             raise ValueError(f"there is more in it than its {head.frames} frames")
 
+    def __repr__(self) -> str:
+        return f"Recording({self._frames} frames of {self.channels} transducers, {self.rate:g} Hz)"
+
     @classmethod
     def open(cls, path: FilePath) -> Self:
         """Open a recording.

@@ -73,6 +73,10 @@ class Aperture:
         contents = f"{values.shape} {float(pixel).hex()} ".encode() + values.tobytes()
         object.__setattr__(self, "digest", hashlib.sha256(contents).hexdigest())
 
+    def __repr__(self) -> str:
+        rows, columns = self.image.shape
+        return f"Aperture({rows} × {columns} pixels of {self.pixel * 1e3:g} mm)"
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Aperture) and self.digest == other.digest
 

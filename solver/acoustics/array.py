@@ -9,7 +9,7 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import Movable, Scalar, as_points, frozen
+from ..geometry import Movable, Scalar, as_points, extent, frozen
 from .transducer import Transducer
 
 __all__ = ["TransducerArray"]
@@ -82,6 +82,10 @@ class TransducerArray(Movable["TransducerArray"]):
             raise ValueError("every working transducer has limit 0; at least one must be allowed to sound")
         object.__setattr__(self, "response", frozen(responses))
         object.__setattr__(self, "limits", frozen(most))
+
+    def __repr__(self) -> str:
+        deaf = "" if self.able.all() else f", {int((~self.able).sum())} of them silent"
+        return f"TransducerArray({len(self)} transducers{deaf}, {extent(self.positions)})"
 
     def _for_each(self, what: str, values: ArrayLike | None, dtype: type[Scalar]) -> NDArray[Scalar]:
         try:

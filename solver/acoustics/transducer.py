@@ -70,6 +70,9 @@ class Transducer:
         if self.aperture is not None and self.model not in KERNELS:
             raise ValueError(f"transducer model {self.model!r} has no aperture; {', '.join(KERNELS)} have one")
 
+    def __repr__(self) -> str:
+        return f"Transducer({self.model}, radius {self.radius * 1e3:g} mm, {self.strength:g} Pa·m)"
+
     @property
     def face(self) -> float | Aperture:
         """The moving part: its aperture, or else the disc of its radius in metres."""

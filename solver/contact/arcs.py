@@ -46,6 +46,9 @@ class Arcs:
     names: NDArray[np.int64]
     rows: NDArray[np.int64]
 
+    def __repr__(self) -> str:
+        return f"Arcs({len(self)} arcs, {len(self.vertices)} vertices)"
+
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """The arcs of several objects, which become objects 0, 1 and so on."""

@@ -10,7 +10,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import FARTHEST, as_points, as_position, frozen, rotation_matrix
+from ..geometry import FARTHEST, as_points, as_position, frozen, place, rotation_matrix
 from .anatomy import BONES, FINGERS, LENGTH, NEUTRAL, PALM, PARENTS, WIDTHS, Side, posed
 
 __all__ = ["LANDMARKS", "QUADS", "Hand", "Side"]
@@ -71,6 +71,9 @@ class Hand:
             more = f"; so are {len(wrong) - MOST_NAMED} more" if len(wrong) > MOST_NAMED else ""
             raise ValueError(f"{'; '.join(said)}{more}")
         self._keep(points, side, size, widths)
+
+    def __repr__(self) -> str:
+        return f"Hand({self.side}, palm at {place(self.centre)})"
 
     def _keep(self, points: NDArray[np.float64], side: Side, size: float, widths: ArrayLike | None) -> None:
         object.__setattr__(self, "landmarks", frozen(points))

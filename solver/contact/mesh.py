@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import FARTHEST, as_points, as_position, frozen, rotation_matrix
+from ..geometry import FARTHEST, as_points, as_position, extent, frozen, place, rotation_matrix
 from .curvature import edge_curvature
 from .edges import edge_tables
 from .repair import repair
@@ -63,6 +63,9 @@ class Solid:
         object.__setattr__(self, "vertices", frozen(points))
         object.__setattr__(self, "faces", frozen(_as_faces(faces, len(points))))
         object.__setattr__(self, "repairs", repairs)
+
+    def __repr__(self) -> str:
+        return f"Solid({len(self.faces)} faces, {extent(self.vertices)})"
 
     @cached_property
     def centre(self) -> NDArray[np.float64]:
@@ -122,7 +125,7 @@ def _as_faces(values: ArrayLike, vertices: int) -> NDArray[np.int64]:
     return np.array(given, dtype=np.int64, order="C")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """An object that can be felt: a `Solid` and its pose.
 
@@ -159,10 +162,7 @@ class Mesh:
         object.__setattr__(self, "offset", frozen(as_position(offset, "offset")))
 
     def __repr__(self) -> str:
-        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
-        size = " × ".join(f"{length:.3g}" for length in high - low)
-        centre = ", ".join(f"{place:.3g}" for place in np.round((low + high) / 2, 9) + 0.0)  # no minus before zero
-        return f"<Mesh of {len(self.faces)} faces, {size} m, centred at ({centre}) m>"
+        return f"Mesh({len(self.faces)} faces, {extent(self.vertices)} about {place(self.centre)})"
 
     @classmethod
     def of(cls, vertices: ArrayLike, faces: ArrayLike) -> Self:

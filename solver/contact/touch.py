@@ -55,6 +55,9 @@ class Touch:
     points: ControlPoints | None
     marks: NDArray[np.int64]
 
+    def __repr__(self) -> str:
+        return f"Touch({0 if self.points is None else len(self.points)} points)"
+
     @property
     def ids(self) -> NDArray[np.int64]:
         """(m,) identities of the points: one that survives from frame to frame keeps its own, none is used twice."""

@@ -102,6 +102,9 @@ class PlanePropagator:
         object.__setattr__(self, "_cell_shape", (rows, columns))
         object.__setattr__(self, "_spectrum", frozen(scipy.fft.fft2(kernel, axes=(0, 2)).astype(np.complex64)))
 
+    def __repr__(self) -> str:
+        return f"PlanePropagator({self.grid})"
+
     def __call__(self, drive: ArrayLike) -> PlaneField:
         """The field of a drive.
 

@@ -47,6 +47,9 @@ class Field:
         if self.pressure.shape != self.grid.shape:
             raise ValueError(f"pressure has the shape {self.pressure.shape}, but the grid has {self.grid.shape}")
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.grid}, up to {self.strongest()[0]:.0f} Pa)"
+
     @property
     def x(self) -> NDArray[np.float64]:
         """Coordinates of the samples along x, in metres; `ValueError` if no axis of the grid is along x."""
@@ -77,7 +80,7 @@ class Field:
         return float(magnitude[index]), self.grid.centre + offsets @ self.grid.axes
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlaneField(Field):
     """Pressure over a plane, (rows, columns) complex: rows along the plane's second axis, columns along its first."""
 
@@ -87,7 +90,7 @@ class PlaneField(Field):
         super().__post_init__()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class VolumeField(Field):
     """Pressure over a box, (layers, rows, columns) complex: layers along its third axis, columns along its first."""
 

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.propagation import pressure, transfer_matrix
+from ..geometry import place
 from ..methods.solve import Wanted, control_points
 from ..shapes.points import ControlPoints, check_reachable
 from .field import MAX_PAIRS, PlaneField, VolumeField, sample_cut, sample_volume
@@ -85,6 +86,9 @@ class Focus:
     width: tuple[float | None, float | None, float | None]
     missing: bool
 
+    def __repr__(self) -> str:
+        return f"Focus({self.index} at {place(self.position)}, {self.pressure:.0f} Pa)"
+
 
 @dataclass(frozen=True)
 class Null:
@@ -95,6 +99,9 @@ class Null:
     pressure: float
     level: float
 
+    def __repr__(self) -> str:
+        return f"Null({self.index} at {place(self.position)}, {self.pressure:.0f} Pa, {self.level:.1f} dB)"
+
 
 @dataclass(frozen=True)
 class Lobe:
@@ -103,6 +110,9 @@ class Lobe:
     position: Vector
     pressure: float
     level: float
+
+    def __repr__(self) -> str:
+        return f"Lobe(at {place(self.position)}, {self.pressure:.0f} Pa, {self.level:.1f} dB)"
 
 
 @dataclass(frozen=True)
@@ -131,6 +141,10 @@ class FocusReport:
     strongest_lobe: Lobe | None
     ghosts: tuple[Lobe, ...]
     searched: str
+
+    def __repr__(self) -> str:
+        found = f"{len(self.missing)} missing, {len(self.ghosts)} ghosts"
+        return f"FocusReport({len(self.foci)} foci of {self.mean:.0f} Pa, spread {self.spread:.1%}, {found})"
 
     @property
     def missing(self) -> tuple[Focus, ...]:

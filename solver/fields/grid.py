@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import as_points, frozen
+from ..geometry import as_points, frozen, place
 
 __all__ = ["MAX_SAMPLES", "Grid"]
 
@@ -58,6 +58,10 @@ class Grid:
             raise ValueError(f"counts {self.counts} must be at least 1")
         if math.prod(self.counts) > MAX_SAMPLES:
             raise ValueError(f"{' × '.join(map(str, self.counts))} makes more than {MAX_SAMPLES} samples")
+
+    def __repr__(self) -> str:
+        counts = " × ".join(map(str, self.counts))
+        return f"Grid({counts} samples, {self.step * 1e3:g} mm apart, about {place(self.centre)})"
 
     @classmethod
     def along(cls, letters: str, centre: ArrayLike, extent: float | Sequence[float], step: float) -> Grid:

@@ -106,6 +106,9 @@ class Method:
         if foreign := [name for name in self.options if name not in known]:
             raise ValueError(f"a method has no option {foreign[0]!r}; Options has {', '.join(known)}")
 
+    def __repr__(self) -> str:
+        return f"Method({self.summary})"
+
 
 def _regularised(problem: Problem, steps: int) -> Complex:
     """Weighted Tikhonov regularisation, then Gerchberg–Saxton steps."""

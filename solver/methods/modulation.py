@@ -88,6 +88,10 @@ class Modulation:
         object.__setattr__(self, "frequency", float(frequency))
         object.__setattr__(self, "carrier", float(carrier))
 
+    def __repr__(self) -> str:
+        steps, count = self.weights.shape
+        return f"Modulation({count} drives of {self.drives.shape[1]}, {steps} steps, {self.frequency:g} Hz)"
+
     @classmethod
     def on_off(cls, drive: ArrayLike, frequency: float = FREQUENCY, *, carrier: float = CARRIER) -> Modulation:
         """A drive for one half of each period, and silence for the other."""

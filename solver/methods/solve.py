@@ -49,6 +49,9 @@ class Solution:
     medium: Medium
     method: str
 
+    def __repr__(self) -> str:
+        return f"Solution({self.method}, {len(self.drive)} drives for {len(self.points)} points)"
+
 
 class Solver:
     """Solves for an array, frame after frame: it keeps its buffers, and the phases of one frame begin the next.
@@ -101,6 +104,9 @@ class Solver:
         self.array, self.method, self.medium = array, method, medium or Medium()
         self.options = options_of(method, options)
         self._engine = engine_for(self.array, self.medium, method, self.options, precision)
+
+    def __repr__(self) -> str:
+        return f"Solver({self.method}, {len(self.array)} transducers)"
 
     def solve(self, points: Wanted, ids: NDArray[np.int64] | None = None) -> Solution:
         """Find the drives for the next frame.

@@ -39,6 +39,10 @@ class Split:
     axis: NDArray[np.float64]
     ids: NDArray[np.int64] | None = None
 
+    def __repr__(self) -> str:
+        first = int(self.mask.sum())
+        return f"Split({first} + {len(self.mask) - first} points)"
+
     def sides(self, m: int, ids: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
         """The halves in which m points of the next frame have been, (m,): -1 the first, 1 the second, 0 for new ones.
 

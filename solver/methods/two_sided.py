@@ -45,6 +45,9 @@ class Gain:
     two_sided: NDArray[np.float64]
     one_sided: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        return f"Gain({self.mean:.2f} times in the mean, {self.weakest:.2f} times at the weakest point)"
+
     @property
     def mean(self) -> float:
         """Ratio of the mean changes. Both are square waves in time, so their components at any harmonic have it too."""
@@ -78,6 +81,9 @@ class TwoSided:
     medium: Medium
     method: str
     options: Mapping[str, Any]
+
+    def __repr__(self) -> str:
+        return f"TwoSided({self.method}, {self.split}, {self.frequency:g} Hz)"
 
     @property
     def split(self) -> Split:
@@ -181,6 +187,9 @@ class TwoSidedSolver:
         self._frequency, self._options = frequency, MappingProxyType(options)
         self._engine = pair_engine(array, self._medium, method, options_of(method, options), precision)
         self._count, self._first_id = 0, 0
+
+    def __repr__(self) -> str:
+        return f"TwoSidedSolver({self._method}, {len(self._array)} transducers, {self._frequency:g} Hz)"
 
     def solve(self, points: Wanted, ids: NDArray[np.int64] | None = None) -> TwoSided:
         """Split and solve the next frame.

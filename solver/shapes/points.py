@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..acoustics.array import TransducerArray
-from ..geometry import Scalable, as_points, frozen
+from ..geometry import Scalable, as_points, extent, frozen, place
 
 __all__ = ["MAX_POINTS", "REACH", "ControlPoints", "check_reachable", "reachable"]
 
@@ -61,6 +61,9 @@ class ControlPoints(Scalable["ControlPoints"]):
             raise ValueError("every control point has amplitude 0; at least one must be positive")
         object.__setattr__(self, "positions", frozen(points))
         object.__setattr__(self, "amplitudes", frozen(values))
+
+    def __repr__(self) -> str:
+        return f"ControlPoints({len(self)} points, {extent(self.positions)} about {place(self.centre)})"
 
     def __len__(self) -> int:
         return len(self.positions)

@@ -320,6 +320,9 @@ class Polyline(Drawn):
         object.__setattr__(self, "vertices", tuple(tuple(row) for row in rows))
         self.curves()
 
+    def __repr__(self) -> str:
+        return f"Polyline({len(self.vertices)} corners, {'closed' if self.closed else 'open'})"
+
     def curves(self) -> tuple[Curve, ...]:
         """The line, from the first vertex. It has no sides: its corners need not be among the points."""
         return (chain(self.vertices, closed=self.closed),)

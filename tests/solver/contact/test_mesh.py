@@ -105,7 +105,7 @@ def test_a_scaled_object_keeps_its_centre_and_pose() -> None:
 
 
 def test_its_repr_has_size_and_place() -> None:
-    assert repr(Mesh.cube()) == "<Mesh of 12 faces, 0.1 × 0.1 × 0.1 m, centred at (0, 0, 0.17) m>"
+    assert repr(Mesh.cube()) == "Mesh(12 faces, 100 × 100 × 100 mm about (0, 0, 170) mm)"
 
 
 def test_arrays_are_read_only() -> None:
