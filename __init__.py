@@ -14,6 +14,8 @@ Every length is in metres, every angle in degrees; ``80 * mm`` and its like make
 text or by a `Path`. The rooms ``solver``, ``host``, ``protocol``, ``emulator`` and ``hil`` have more names.
 """
 
+import sys
+
 from lazy_loader import attach_stub
 
 _load, __dir__, __all__ = attach_stub(__name__, __file__)
@@ -21,8 +23,10 @@ _load, __dir__, __all__ = attach_stub(__name__, __file__)
 
 def __getattr__(name: str) -> object:
     """A public name, whose module is loaded at its first use: a program loads only the rooms that it needs."""
-    if name != "__version__":
+    if name in __all__:
         return _load(name)
+    if name != "__version__":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=sys.modules[__name__])
     from importlib.metadata import PackageNotFoundError, version  # slow to import
 
     try:

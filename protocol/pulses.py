@@ -140,7 +140,10 @@ class Pulses:
         ValueError
             If the drive is not finite or its magnitude exceeds 1; the transducer is named.
         """
-        drive = np.asarray(drive, dtype=np.complex128)
+        try:
+            drive = np.asarray(drive, dtype=np.complex128)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"a drive is (n,) complex, such as solution.drive: {error}") from error
         if drive.ndim != 1:
             raise ValueError(f"drive must have the shape (n,), not {drive.shape}")
         check_drives(drive)

@@ -53,6 +53,12 @@ def test_dir_lists_public_names_alone(module: ModuleType) -> None:
         assert not isinstance(value, type(annotations))
 
 
+def test_a_misspelt_name_is_told_from_a_public_one() -> None:
+    with pytest.raises(AttributeError, match="module 'phasewire' has no attribute 'slove'") as raised:
+        pw.slove  # type: ignore[attr-defined]  # noqa: B018
+    assert (raised.value.name, raised.value.obj) == ("slove", pw)  # from which Python suggests "solve"
+
+
 def test_the_version_is_that_of_the_project() -> None:
     assert pw.__version__ == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 

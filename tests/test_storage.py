@@ -120,7 +120,7 @@ def field(sphere_solution: pw.Solution) -> pw.PlaneField:
         ("solved.npz", lambda path, field, solution: pw.save_solution(path, solution)),
         ("field.npz", lambda path, field, _: pw.save_field(path, field)),
         ("field.vti", lambda path, field, _: pw.save_vti(path, field)),
-        ("field.png", lambda path, field, _: pw.save_field_picture(path, field)),
+        ("field.png", lambda path, field, _: pw.save_field_picture(path, field, pw.Circle())),
         ("perfect.csv", lambda path, *_: pw.Calibration.perfect(4).save(path)),
         ("a.frames", lambda path, _, solution: pw.record(path, solution.drive[None], 40)),
         ("a.hands", lambda path, *_: HandRecorder(path, 60).__enter__().__exit__(None, None, None)),

@@ -112,7 +112,10 @@ def pressure(
     ValueError
         If the drive has another length than the array, or as `transfer_matrix`.
     """
-    drive = np.asarray(drive, dtype=np.complex128)
+    try:
+        drive = np.asarray(drive, dtype=np.complex128)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"a drive is (n,) complex, such as solution.drive: {error}") from error
     if drive.shape != (len(array),):
         raise ValueError(f"drive has the shape {drive.shape}, but the array has {len(array)} transducers")
     if (bad := np.flatnonzero(~np.isfinite(drive))).size:

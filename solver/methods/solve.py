@@ -212,6 +212,8 @@ def control_points(wanted: Wanted) -> ControlPoints:
         return wanted
     if isinstance(wanted, (Hand, Mesh)):
         raise ValueError(f"a {type(wanted).__name__} has no control points; touch(hand, mesh).points has")
+    if isinstance(wanted, type):
+        raise ValueError(f"{wanted.__name__} is a class; {wanted.__name__}() makes one")
     if isinstance(wanted, Touch):
         raise ValueError("a Touch is solved by its points and their identities: solver.solve(touch.points, touch.ids)")
     return wanted.sample() if isinstance(wanted, Shape) else ControlPoints(wanted)

@@ -15,6 +15,7 @@ from ..fields.field import PlaneField
 from ..fields.grid import Grid
 from ..fields.oil import Oil, oil_surface
 from ..fields.quantities import QUANTITIES, sound_pressure_level
+from ..methods.solve import Wanted, control_points
 from ..shapes.points import ControlPoints
 
 if TYPE_CHECKING:
@@ -174,15 +175,16 @@ def draw_array(axes: Axes, array: TransducerArray, drive: NDArray[np.complex128]
 
 
 def save_field_picture(
-    path: FilePath, field: PlaneField, points: ControlPoints | None = None, quantity: str = "pressure"
+    path: FilePath, field: PlaneField, points: Wanted | None = None, quantity: str = "pressure"
 ) -> None:
-    """Write a picture of a field: a quantity of `QUANTITIES`, or the ``oil`` that it pushes."""
+    """Write a picture of a field with its control points: a quantity of `QUANTITIES`, or the ``oil`` that it pushes."""
     from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
 
+    marked = None if points is None else control_points(points)
     shape = field.grid.counts[0] / field.grid.counts[1]
     figure = Figure(figsize=(min(max(5.2 * shape, 3.0), 12.0) + 1.8, 6), layout="compressed")
     if quantity == OIL:
-        draw_oil(figure.subplots(), field, points)
+        draw_oil(figure.subplots(), field, marked)
     else:
-        draw_field(figure.subplots(), field, points, quantity)
+        draw_field(figure.subplots(), field, marked, quantity)
     save_figure(figure, path)

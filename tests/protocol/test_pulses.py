@@ -57,6 +57,8 @@ def test_silence_has_one_form() -> None:
 def test_an_error_names_a_wrong_shape() -> None:
     with pytest.raises(ValueError, match=r"shape \(n,\), not \(1, 1\)"):
         Pulses.from_drive([[1.0]])
+    with pytest.raises(ValueError, match=r"a drive is \(n,\) complex, such as solution.drive"):
+        Pulses.from_drive(object())  # type: ignore[arg-type]
 
 
 def test_rounding_of_single_precision_is_tolerated() -> None:

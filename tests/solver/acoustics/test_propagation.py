@@ -111,6 +111,7 @@ def test_a_louder_transducer_is_louder() -> None:
 @pytest.mark.parametrize(
     ("drive", "at", "message"),
     [
+        (object(), [[0, 0, 0.2]], r"a drive is \(n,\) complex, such as solution.drive"),
         (np.ones(319), [[0, 0, 0.2]], r"drive has the shape \(319,\), but the array has 320 transducers"),
         (np.full(320, np.nan), [[0, 0, 0.2]], "drive of transducer 0 is .*nan"),
         (np.ones(320), [[0, np.inf, 0.2]], "point 0 is .*inf.*; its coordinates must be finite"),

@@ -203,6 +203,7 @@ def test_a_shape_is_solved_as_its_points(wanted: Shape, array: TransducerArray) 
         (Hand.flat(), r"a Hand has no control points; touch\(hand, mesh\).points has"),
         (Mesh.cube(), "a Mesh has no control points"),
         (touch(Hand.flat(), Mesh.cube()), "a Touch is solved by its points and their identities"),
+        (Circle, r"Circle is a class; Circle\(\) makes one"),
         ("circle", "control points must be .* numbers"),
     ],
 )
