@@ -99,7 +99,7 @@ def test_objects_show_themselves_in_one_short_line(sphere_solution: Solution, em
         pw.Star() + points,
     ]
     made += [hand, mesh, mesh.solid, touch, touch.cuts, pulses, pw.Wiring.strips(), pw.Pose.none(), pw.sine(200)]
-    made += [pw.Calibration.perfect(320), emulator, emulator.capture()]
+    made += [pw.Calibration.perfect(320), emulator, emulator.capture(), pw.Toucher(), pw.StreamReport(40)]
     with pw.open_device("emulator:") as device:
         lines = [repr(value) for value in [*made, device]]
     for value, line in zip([*made, device], lines, strict=True):

@@ -131,6 +131,10 @@ class StreamReport:
     drift_ppm: float = 0.0
     uncertainty: float = 0.0
 
+    def __repr__(self) -> str:
+        kept = f"{self.accepted} accepted, {self.late} late, {self.refused} refused, {self.underruns} underruns"
+        return f"StreamReport({self.sent} sent at {self.rate:g} Hz, {kept})"
+
     @property
     def played_rate(self) -> float:
         """Frames per second that began, by the device's clock; 0 before the second."""

@@ -126,6 +126,9 @@ class Toucher:
         self._scene = Scene.of((), self._corners)
         self.forget()
 
+    def __repr__(self) -> str:
+        return f"Toucher({self._spacing * 1e3:g} mm apart, at most {self._most} points)"
+
     def forget(self) -> None:
         """Begin anew with the next frame: all its points are new."""
         self._positions, self._marks = frozen(np.empty((0, 3))), frozen(np.empty((4, 0), dtype=np.int64))
