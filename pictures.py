@@ -1,7 +1,9 @@
-"""Writing pictures: the file's suffix gives the format, and a file is written completely or not at all."""
+"""Pictures at their printed size: figures, their fonts, and their files, written completely or not at all."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,9 +12,29 @@ from .storage import FilePath, replacing
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["FORMATS", "check_picture_path", "save_figure"]
+__all__ = ["COLUMN", "FORMATS", "LANDSCAPE", "check_picture_path", "new_figure", "printed", "save_figure"]
 
 FORMATS = (".png", ".svg", ".pdf")
+COLUMN, LANDSCAPE = 7.1, 10.5
+"""Widths in inches between the margins of A4 paper, upright and turned."""
+FONT_POINTS = 8.5
+DOTS_PER_INCH = 150
+
+
+@contextmanager
+def printed() -> Iterator[None]:
+    """Fonts in points for a picture that is printed at its size; a context or a decorator."""
+    from matplotlib import rc_context  # matplotlib takes as long to import as everything else together
+
+    with rc_context({"font.size": FONT_POINTS, "axes.titlesize": "medium", "figure.titlesize": "large"}):
+        yield
+
+
+def new_figure(height: float, width: float = COLUMN) -> Figure:
+    """An empty figure; its height and width are in inches."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def check_picture_path(path: FilePath) -> None:
@@ -23,5 +45,5 @@ def check_picture_path(path: FilePath) -> None:
 
 def save_figure(figure: Figure, path: FilePath) -> None:
     """Write a figure in the format of the path's suffix, completely or not at all."""
-    with replacing(path) as part:
-        figure.savefig(part, format=Path(path).suffix[1:].lower(), dpi=120)
+    with printed(), replacing(path) as part:  # the labels of ticks take their font now
+        figure.savefig(part, format=Path(path).suffix[1:].lower(), dpi=DOTS_PER_INCH)

@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Column, Table
 
-from ..pictures import check_picture_path, save_figure
+from ..pictures import check_picture_path, new_figure, printed, save_figure
 from ..protocol.board import CORE_HZ
 from ..protocol.chain import LOAD_BYTES
 from ..protocol.codes import ENTRIES_PER_BLOCK, SAMPLES_PER_BLOCK, Kind, Memory
@@ -167,11 +167,10 @@ def _print_threads(out: Console, found: Budget) -> None:
     out.print(table)
 
 
+@printed()
 def draw_budget(found: Budget) -> Figure:
     """The time line of an update that just misses a boundary, and the highest rate of each stage."""
-    from matplotlib.figure import Figure  # importing matplotlib takes as long as everything else together
-
-    figure = Figure(figsize=(11.5, 4.2), layout="constrained")
+    figure = new_figure(3.3)
     when, often = figure.subplots(1, 2, sharey=True, width_ratios=[2, 1])
     unit, cycles_per_unit = _unit(found)
     names = [stage.name for stage in found.stages]
@@ -190,9 +189,9 @@ def draw_budget(found: Budget) -> Figure:
         when.axvline(cycles / cycles_per_unit, color="0.3", linestyle="--", linewidth=1)
         when.text(cycles / cycles_per_unit, -0.75, what, ha=side, va="center", color="0.3")
     when.set(
-        title="From the first bit to the first tick",
+        title="Time from the first bit to the first tick\nof an update that just misses a boundary",
         xlabel=f"time / {unit}",
-        xlim=(0, 1.12 * found.worst_cycles / cycles_per_unit),
+        xlim=(0, 1.25 * found.worst_cycles / cycles_per_unit),
         yticks=range(len(names)),
         yticklabels=names,
         ylim=(len(names) - 0.5, -1.1),
@@ -202,7 +201,7 @@ def draw_budget(found: Budget) -> Figure:
     often.bar_label(bars, [f"{rate:.3g}" for rate in rates], padding=3)
     often.axvline(float(found.updates_per_second) / 1000, color="k", linestyle="--", linewidth=1)
     often.set(
-        title="At most; dashed: sustained",
+        title="Highest rate of each stage\n(dashed: rate of the whole chain)",
         xlabel="thousand updates per second",
         xlim=(0, 1.25 * max(rates)),
         ylim=when.get_ylim(),

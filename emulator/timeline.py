@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
+from ..pictures import LANDSCAPE, new_figure, printed
 from ..protocol.blocks import Block, Update, pack
 from ..protocol.board import CHANNELS, CORE_HZ, CYCLES_PER_PERIOD, MAX_WIDTH_TICKS
 from ..protocol.codes import REQUEST_TYPE_OUT, Request, StandardRequest
@@ -26,10 +27,10 @@ if TYPE_CHECKING:
 __all__ = ["draw_timeline", "way_of_an_update"]
 
 CYCLES_PER_MICROSECOND = CORE_HZ // 10**6
-WIDTH_INCHES, LANE_INCHES, FRAME_INCHES = 13.0, 0.17, 1.5
+LANE_INCHES, FRAME_INCHES = 0.14, 1.2
 GAP = 0.8  # between groups of lanes, in lanes
 MOST_BOUNDARIES = 16
-FONT_POINTS, CHARACTER_POINTS = 6.5, 3.9
+FONT_POINTS, CHARACTER_POINTS = 7.0, 4.2
 POINTS_PER_INCH = 72
 
 COLOURS = {
@@ -70,6 +71,7 @@ def way_of_an_update(emulator: Emulator) -> list[Span]:
     ]
 
 
+@printed()
 def draw_timeline(spans: Sequence[Span], title: str = "") -> Figure:
     """Draw spans over time, with the boundaries of periods.
 
@@ -89,10 +91,8 @@ def draw_timeline(spans: Sequence[Span], title: str = "") -> Figure:
     begins, ends = min((span.begins for span in spans), default=0), max((span.ends for span in spans), default=0)
     if ends <= begins:
         raise ValueError("a time line without a span that takes time has nothing to show")
-    from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
-
     rows = _rows(spans)
-    figure = Figure(figsize=(WIDTH_INCHES, FRAME_INCHES + LANE_INCHES * (max(rows.values()) + 1)), layout="constrained")
+    figure = new_figure(FRAME_INCHES + LANE_INCHES * (max(rows.values()) + 1), LANDSCAPE)
     axes = figure.subplots()
     for kind in dict.fromkeys(span.kind for span in sorted(spans)):
         of_kind = [span for span in spans if span.kind == kind]
@@ -143,7 +143,7 @@ def _number(lane: str) -> int:
 
 def _write_labels(axes: Axes, spans: Iterable[Span], rows: dict[str, float], begins: int, ends: int) -> None:
     """Write into each bar as much of what it says as has room."""
-    points_per_cycle = 0.9 * WIDTH_INCHES * POINTS_PER_INCH / (ends - begins)
+    points_per_cycle = 0.9 * LANDSCAPE * POINTS_PER_INCH / (ends - begins)
     for span in spans:
         cycles = span.ends - span.begins
         room = cycles * points_per_cycle / CHARACTER_POINTS

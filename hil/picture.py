@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..pictures import save_figure
+from ..pictures import LANDSCAPE, new_figure, printed, save_figure
 from ..protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ..protocol.wiring import Pin
 from ..solver import PlaneField
@@ -46,15 +46,14 @@ def draw_waves(axes: Axes, run: EndToEnd) -> None:
     axes.tick_params(axis="y", length=0)
 
 
+@printed()
 def save_end_to_end_picture(path: FilePath, run: EndToEnd, field: PlaneField, headline: str) -> None:
     """Write the picture in the format of the path's suffix."""
-    from matplotlib.figure import Figure  # importing matplotlib takes as long as everything else together
-
-    figure = Figure(figsize=(13, 9.5), layout="constrained")
+    figure = new_figure(7.6, LANDSCAPE)
     axes = figure.subplot_mosaic([["field", "array"], ["waves", "waves"]], height_ratios=[1.35, 1])
     draw_field(axes["field"], field, run.solution.points)
     draw_array(axes["array"], run.solution.array, run.rebuilt)
     axes["array"].set_title("Drive rebuilt from the bits (area: magnitude)")
     draw_waves(axes["waves"], run)
-    figure.suptitle(headline, fontsize="x-large")
+    figure.suptitle(headline)
     save_figure(figure, path)

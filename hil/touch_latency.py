@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..emulator import Emulator
 from ..emulator.trace import Span
 from ..host import Device, open_device
+from ..pictures import new_figure, printed
 from ..protocol.board import CORE_HZ
 from ..protocol.pulses import Pulses
 from ..protocol.quantise import quantise
@@ -185,13 +186,12 @@ def _follow(
     return np.diff(marks).tolist(), len(touch.points)
 
 
+@printed()
 def draw_touch_latency(latency: TouchLatency) -> Figure:
     """The time line from the time stamp to the outputs: the median of the host's stages, then those of the device."""
-    from matplotlib.figure import Figure  # importing matplotlib takes as long as everything else together
-
     rows = latency.rows()
     end = rows[-1].ends * MICROSECONDS
-    figure = Figure(figsize=(11.5, 4.6), layout="constrained")
+    figure = new_figure(3.6)
     axes = figure.subplots()
     for number, row in enumerate(rows):
         waits = row is rows[-1]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..pictures import save_figure
+from ..pictures import LANDSCAPE, new_figure, printed, save_figure
 from ..solver import Medium, Modulation, PlaneField, TransducerArray, intensity_component, pressure, sample_cut
 from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
@@ -37,6 +37,7 @@ OBJECT, HAND, ARC = "#555555", "#E69F00", "#0072B2"
 HALVES = (("first", "#D55E00", "o"), ("second", "#009E73", "^"))
 
 
+@printed()
 def save_touch_picture(
     path: FilePath,
     hands: Sequence[Hand],
@@ -70,14 +71,13 @@ def save_touch_picture(
     """
     if touch.points is None:
         raise ValueError("no hand touches an object: there is no field to draw")
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure  # importing matplotlib takes as long as everything else together
+    from matplotlib import rc_context  # importing matplotlib takes as long as everything else together
 
     at = touch.points.positions
     halves = np.abs([pressure(array, drive, at) for drive in emitted.weights @ emitted.drives])
     louder = halves.argmax(axis=0)
     grid = plane_of(at, float(array.positions[:, 2].max()))
-    figure = Figure(figsize=(14, 7.4), layout="constrained")
+    figure = new_figure(5.6, LANDSCAPE)
     sides = figure.add_gridspec(1, 2, width_ratios=[1, 1.08])
     left, right = figure.add_subfigure(sides[0]), figure.add_subfigure(sides[1])
     with rc_context({"grid.color": "0.88"}):  # three-dimensional axes need it when they are made
@@ -88,8 +88,8 @@ def save_touch_picture(
     handles = {
         label: handle for each in (space, axes) for handle, label in zip(*each.get_legend_handles_labels(), strict=True)
     }
-    left.legend(handles.values(), handles, loc="outside lower center", ncols=3, frameon=False, fontsize="small")
-    figure.suptitle(f"{len(at)} control points on {_many(len(touch.arcs), 'arc')}", fontsize="x-large")
+    left.legend(handles.values(), handles, loc="outside lower center", ncols=2, frameon=False, fontsize="small")
+    figure.suptitle(f"{len(at)} control points on {_many(len(touch.arcs), 'arc')}")
     figure.supxlabel(_caption(touch, halves.max(axis=0), emitted, array, source), fontsize="medium")
     save_figure(figure, path)
 
@@ -271,7 +271,7 @@ def _caption(
     felt = intensity_component(array, emitted, touch.points.positions)
     return (
         f"Arcs of {length * MM:.0f} mm. At the points |p| is {loudest.mean():.0f} Pa on average, "
-        f"{loudest.min():.0f} to {loudest.max():.0f} Pa (peak, linear model); the intensity changes at "
+        f"{loudest.min():.0f} to {loudest.max():.0f} Pa (peak, linear model).\nThe intensity changes at "
         f"{emitted.true_frequency:g} Hz by {felt.mean() / 1e6:.2f} kPa² on average, {felt.min() / 1e6:.2f} kPa² at "
         f"the weakest.\n"
         f"Field as emitted: drives rebuilt from {source}."

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...pictures import new_figure, printed
 from ..fields.field import PlaneField
 from ..pictures.picture import draw_oil
 from .figures import SHAPES_OF_FIGURE_6, TECHNIQUES, AtHeight, Figure4, Rendering, Timing
@@ -21,12 +22,6 @@ __all__ = ["draw_figure_4", "draw_figure_6", "draw_figure_7", "draw_range"]
 MM, CM, MICROSECONDS = 1e3, 1e2, 1e6
 COLOURS = {"multiplex": "tab:gray", "min_norm": "tab:blue", "tikhonov": "tab:orange", "wgs": "tab:red", "paper": "k"}
 PERIOD = 25.0  # µs of a 40 kHz carrier
-
-
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
-
-    return Figure(figsize=(width, height), layout="constrained")
 
 
 def _show(axes: Axes, field: PlaneField, loudest: float) -> AxesImage:
@@ -47,9 +42,10 @@ def _loudest(fields: Iterable[PlaneField]) -> float:
     return max(float(np.abs(field.pressure).max()) for field in fields)
 
 
+@printed()
 def draw_figure_6(panels: Sequence[Rendering], quantity: str = "pressure") -> Figure:
     """A row per technique and a column per shape: |p| on one scale, or the oil that it pushes."""
-    figure = _figure(12.5, 13)
+    figure = new_figure(8.1)
     grid = figure.subplots(len(TECHNIQUES), len(SHAPES_OF_FIGURE_6), squeeze=False)
     loudest = _loudest(panel.field for panel in panels)
     for panel, axes in zip(panels, grid.ravel(), strict=True):
@@ -59,12 +55,14 @@ def draw_figure_6(panels: Sequence[Rendering], quantity: str = "pressure") -> Fi
             image = _show(axes, panel.field, loudest)
         numbers = panel.record()
         axes.set_xlabel(
-            f"spread {numbers['deviation_over_mean']:.1%}, min/mean {numbers['min_over_mean']:.2f}\n"
-            f"{numbers['mean_pa']:.0f} Pa, missing {numbers['missing']}, ghosts {numbers['ghosts']}"
+            f"spread {numbers['deviation_over_mean']:.1%}, {numbers['mean_pa']:.0f} Pa\n"
+            f"min/mean {numbers['min_over_mean']:.2f}\n"
+            f"missing {numbers['missing']}, ghosts {numbers['ghosts']}",
+            fontsize="small",
         )
         axes.set(xticks=[], yticks=[], ylabel="", title="")
     for axes, technique in zip(grid[:, 0], TECHNIQUES.values(), strict=True):
-        axes.set_ylabel(technique.name, fontsize="large")
+        axes.set_ylabel(technique.name)
     for axes, (number, (name, _)) in zip(grid[0], SHAPES_OF_FIGURE_6.items(), strict=True):
         axes.set_title(f"{number}  {name}")
     if quantity != "oil":
@@ -75,9 +73,10 @@ def draw_figure_6(panels: Sequence[Rendering], quantity: str = "pressure") -> Fi
     return figure
 
 
+@printed()
 def draw_figure_7(timings: Sequence[Timing], machine: str) -> Figure:
     """Time of an update against the number of control points, both in decades."""
-    figure = _figure(9, 6)
+    figure = new_figure(4.7)
     axes = figure.subplots()
     for name in dict.fromkeys(timing.technique for timing in timings):
         row = [timing for timing in timings if timing.technique == name]
@@ -98,9 +97,10 @@ def draw_figure_7(timings: Sequence[Timing], machine: str) -> Figure:
     return figure
 
 
+@printed()
 def draw_range(found: Sequence[AtHeight]) -> Figure:
     """Strength, sharpness and contrast against the height; the paper's working range is shaded."""
-    figure = _figure(9, 8)
+    figure = new_figure(6.3)
     strong, sharp, clean = figure.subplots(3, sharex=True)
     height = [at.height * CM for at in found]
     strong.plot(height, [at.focus for at in found], "o-", ms=3, label="a single focus")
@@ -121,15 +121,16 @@ def draw_range(found: Sequence[AtHeight]) -> Figure:
     return figure
 
 
+@printed()
 def draw_figure_4(what: Figure4) -> Figure:
     """The two halves, and the component of the intensity that is felt, by both halves in turn and by on and off."""
-    figure = _figure(11, 9.5)
+    figure = new_figure(6.3)
     rows = (
         ("|p| / Pa (peak)", what.halves, ("a  one half of the modulation's period", "b  the other half")),
         (
-            "root of the 200 Hz component of |p|² / Pa",
+            "root of the 200 Hz\ncomponent of |p|² / Pa",
             (what.two_sided, what.one_sided),
-            ("c  what changes at 200 Hz: a and b in turn", "d  what changes at 200 Hz: all points, on and off"),
+            ("c  what changes at 200 Hz:\na and b in turn", "d  what changes at 200 Hz:\nall points, on and off"),
         ),
     )
     for panels, (label, fields, titles) in zip(figure.subplots(2, 2), rows, strict=True):

@@ -1,0 +1,133 @@
+"""Every picture that the project makes, judged as it is printed. A new picture is a line of `PICTURES`."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from phasewire import ControlPoints, Emulator, Hand, Mesh, TransducerArray, sample_plane, solve, touch
+from phasewire.cli.budget import draw_budget
+from phasewire.emulator.timeline import draw_timeline, way_of_an_update
+from phasewire.hil.end_to_end import run_end_to_end
+from phasewire.hil.picture import save_end_to_end_picture
+from phasewire.hil.touch_latency import draw_touch_latency, measure_touch_latency
+from phasewire.hil.touch_picture import save_touch_picture
+from phasewire.pictures import COLUMN, LANDSCAPE
+from phasewire.protocol.timing import LINKS, Budget
+from phasewire.solver import two_sided
+from phasewire.solver.contact.touch import Toucher
+from phasewire.solver.fields.quantities import QUANTITIES
+from phasewire.solver.pictures.picture import OIL, save_field_picture
+from phasewire.solver.reproduction.figures import (
+    Timing,
+    reproduce_figure_4,
+    reproduce_figure_6,
+    reproduce_range,
+)
+from phasewire.solver.reproduction.pictures import draw_figure_4, draw_figure_6, draw_figure_7, draw_range
+from phasewire.solver.shapes.shapes import Star
+
+from tests.pictures import faults_of
+
+ROOT = Path(__file__).parents[1]
+PNG, PALETTE = b"\x89PNG\r\n\x1a\n", 3
+FILE = Path("picture.png")
+ARRAY = TransducerArray.grid()
+HAND, CUBE = Hand.flat((0, -0.02, 0.19)), Mesh.cube()
+
+
+def field(quantity: str) -> None:
+    points = Star().sample()
+    save_field_picture(FILE, sample_plane(ARRAY, solve(ARRAY, points).drive, 0.2), points, quantity)
+
+
+def demo() -> None:
+    with Emulator() as emulator:
+        run = run_end_to_end(solve(ARRAY, ControlPoints([[0.02, 0, 0.2]])), emulator)
+    headline = "phasewire demo: a sphere of 10 cm on a palm at 20 cm. PASS: the rebuilt drive is the intended one"
+    save_end_to_end_picture(FILE, run, sample_plane(ARRAY, run.rebuilt, 0.2), headline)
+
+
+def touched() -> None:
+    felt = touch(HAND, CUBE)
+    assert felt.points is not None
+    source = "the bits that emulated boards play for the pulses that were sent"
+    save_touch_picture(FILE, [HAND], [CUBE], felt, two_sided(ARRAY, felt.points).modulation, ARRAY, source)
+
+
+def figure_7() -> Figure:
+    names = ("multiplex", "min_norm", "tikhonov", "tikhonov two-sided", "wgs", "wgs two-sided", "paper")
+    times = [Timing(name, 2**n, 1e-5 * (1 + at) * 2**n) for at, name in enumerate(names) for n in range(10)]
+    return draw_figure_7(times, "x86_64, 2 cores")
+
+
+PICTURES: dict[str, tuple[Callable[[], object], float]] = {
+    **{quantity: (partial(field, quantity), COLUMN) for quantity in (*QUANTITIES, OIL)},
+    **{f"budget {name}": (partial(draw_budget, Budget.of(link)), COLUMN) for name, link in LINKS.items()},
+    "demo": (demo, LANDSCAPE),
+    "figure 4": (lambda: draw_figure_4(reproduce_figure_4()), COLUMN),
+    "figure 6": (lambda: draw_figure_6(reproduce_figure_6()), COLUMN),
+    "figure 6, oil": (lambda: draw_figure_6(reproduce_figure_6(), OIL), COLUMN),
+    "figure 7": (figure_7, COLUMN),
+    "range": (lambda: draw_range(reproduce_range()), COLUMN),
+    "ring up": (lambda: runpy.run_path(str(ROOT / "examples" / "ring_up.py")), COLUMN),
+    "timeline": (lambda: draw_timeline(way_of_an_update(Emulator()), "One update"), LANDSCAPE),
+    "touch": (touched, LANDSCAPE),
+    "touch latency": (lambda: draw_touch_latency(measure_touch_latency([HAND], [CUBE], Toucher(), poses=5)), COLUMN),
+}
+"""What makes each picture, and the width of its paper: a function that returns a figure or axes, or saves a figure."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_picture_can_be_read(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    saved: list[Figure] = []
+
+    def save(figure: Figure, path: Path, **_: object) -> None:
+        Path(path).touch()
+        saved.append(figure)
+
+    monkeypatch.setattr(Figure, "savefig", save)
+    make, width = PICTURES[name]
+    made = make()
+    figure = made.figure if isinstance(made, Axes) else made if isinstance(made, Figure) else saved[0]
+    assert isinstance(figure, Figure)
+    assert faults_of(figure, width) == []
+
+
+def test_the_judge_finds_faults() -> None:
+    figure = Figure(figsize=(7, 4))
+    axes = figure.subplots()
+    axes.set_title("a title that is far too long for its figure " * 5)
+    axes.text(0.5, 0.5, "one")
+    axes.text(0.5, 0.5, "other", fontsize=5)
+    image = axes.imshow(np.arange(9).reshape(3, 3), cmap="inferno")
+    image.set_cmap(image.get_cmap().resampled(8))
+    figure.colorbar(image, label="loudness")
+    axes.imshow([[0, 1]], cmap="gray")
+    found = "; ".join(faults_of(figure))
+    for fault in (
+        "' is cut",
+        "'other': 5.0 pt",
+        "'one' overlaps 'other'",
+        "no unit",
+        "few colours",
+        "gray have no bar",
+    ):
+        assert fault in found
+    figure.set_size_inches(14, 8)
+    assert "'one': 5.1 pt" in "; ".join(faults_of(figure))
+
+
+def test_no_committed_picture_is_reduced_to_a_palette() -> None:
+    """PNG, chapter 11.2.1: the colour type is byte 25."""
+    pictures = [path.read_bytes() for path in (ROOT / "docs").glob("**/*.png")]
+    assert len(pictures) > 5
+    assert all(picture.startswith(PNG) and picture[25] != PALETTE for picture in pictures)
