@@ -235,7 +235,9 @@ def _mutant(name: str) -> Mutant:
 
     if name not in MUTANTS:
         near = get_close_matches(name, MUTANTS, n=3, cutoff=0.0)
-        raise ValueError(f"there is no mutant {name!r}; the nearest are {', '.join(near)}; docs/mutants.md lists all")
+        raise ValueError(
+            f"there is no mutant {name!r}; the nearest are {', '.join(near)}; docs/reference/mutants.md lists all"
+        )
     return MUTANTS[name]
 
 

@@ -58,7 +58,7 @@ PoseOption = Annotated[
     typer.Option(
         "--pose",
         metavar="FILE",
-        help="A .toml file with the tracker's position (docs/hands.md).",
+        help="A .toml file with the tracker's position (docs/how-to/hands.md).",
     ),
 ]
 

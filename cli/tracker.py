@@ -49,7 +49,9 @@ def tracker(
     ] = 3.0,
     pose: Annotated[
         Path | None,
-        typer.Option("--pose", metavar="FILE", help="A .toml file with the tracker's position; see docs/hands.md."),
+        typer.Option(
+            "--pose", metavar="FILE", help="A .toml file with the tracker's position; see docs/how-to/hands.md."
+        ),
     ] = None,
     record: Annotated[
         Path | None,

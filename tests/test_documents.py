@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 DOCUMENTS = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "protocol/SPEC.md")),
     ROOT / "examples/README.md",
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
 ]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -45,15 +45,15 @@ def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> No
 @pytest.mark.parametrize(
     ("name", "count"),
     [
-        ("protocol.md", 2),
-        ("emulator.md", 1),
-        ("faults.md", 1),
-        ("flashing.md", 1),
-        ("host.md", 3),
-        ("conformance.md", 2),
-        ("hands.md", 3),
-        ("touch.md", 3),
-        ("solver.md", 1),
+        ("explanation/protocol.md", 2),
+        ("explanation/emulator.md", 1),
+        ("reference/faults.md", 1),
+        ("how-to/flashing.md", 1),
+        ("how-to/host.md", 3),
+        ("how-to/conformance.md", 2),
+        ("how-to/hands.md", 3),
+        ("explanation/touch.md", 3),
+        ("explanation/solver.md", 1),
     ],
 )
 def test_the_python_of_the_documents_runs(

@@ -58,7 +58,7 @@ def test_both_fixtures_are_one_device_which_is_silent_and_unplugged_afterwards(p
 
 
 def test_the_example_of_the_guide_passes(project: pytest.Pytester) -> None:
-    guide = (ROOT / "docs" / "testing-your-project.md").read_text(encoding="utf-8")
+    guide = (ROOT / "docs" / "how-to/testing-your-project.md").read_text(encoding="utf-8")
     project.makepyfile(*re.findall(r"```python\n(.*?)```", guide, re.DOTALL))
     project.runpytest_subprocess("-p", MODULE).assert_outcomes(passed=1)
 

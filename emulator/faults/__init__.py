@@ -1,8 +1,9 @@
 """What can go wrong with an emulated device: faults by name, place and period.
 
-Each is a small value that says what happens, where, from which period on, and for how long or how often; what the
-device reports then and what its outputs do is in docs/faults.md. `Emulator.inject` lets them happen; nothing here
-decides what comes of it. Whatever is broken stays broken over RESET and power-up, as hardware does.
+Each is a small value that says what happens, where, from which period on, and for how long or how often.
+docs/reference/faults.md lists what the device reports then and what its outputs do. `Emulator.inject` lets them
+happen; nothing here decides what comes of it. Whatever is broken stays broken over RESET and power-up, as hardware
+does.
 
 Places are counted as SPEC.md counts them: boards from 0, processors and the links that lead to them along the chain
 from 0, bits of a port and of a byte from 0, transducers in array order.

@@ -51,7 +51,7 @@ PALM_ENDS = (0, 9)
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]\d+)?")
 
 NO_ACCIDENT = "this is in most frames, so it is no accident: see that the source gives what is documented for it"
-POSE = "say in a pose file where the tracker is, and give it with --pose; docs/hands.md describes it"
+POSE = "say in a pose file where the tracker is, and give it with --pose; docs/how-to/hands.md describes it"
 
 
 class FrameLatency(NamedTuple):

@@ -62,7 +62,7 @@ class Pose:
 
     @classmethod
     def load(cls, path: FilePath) -> Self:
-        """Read a pose file; docs/hands.md describes it.
+        """Read a pose file; docs/how-to/hands.md describes it.
 
         Raises
         ------

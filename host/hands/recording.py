@@ -1,4 +1,4 @@
-"""Recordings of hands: a file of JSON Lines, one frame of hands a line; docs/hands.md describes the format.
+"""Recordings of hands: a file of JSON Lines, one frame of hands a line; docs/how-to/hands.md describes the format.
 
 A recording is read line by line, so that its length costs no memory, and each line has a bound. One that was cut off
 can be read up to its last whole line.

@@ -45,7 +45,7 @@ __all__ = [
 
 CLOSEST = 6e-3
 """Least mean distance in metres between points on a stretch: where points crowd under some 6 mm, solving needs
-regularisation (docs/reproduction.md), and a focus of the paper's array is wider."""
+regularisation (docs/explanation/reproduction.md), and a focus of the paper's array is wider."""
 
 SLIGHT = 3e-3
 """Length in metres that an arc must have to be felt, and by which a sharp edge must be inside an arc's end to be an

@@ -185,7 +185,7 @@ def test_a_signal_after_all_is_judged_waits_for_the_reports(
             ("--mutant", "horizon-is-judged"),
             "there is no mutant 'horizon-is-judged'; the nearest are horizon-is-not-judged, ",
         ),
-        (("--mutant", "?"), "docs/mutants.md lists all"),
+        (("--mutant", "?"), "docs/reference/mutants.md lists all"),
         (("--mutant", "horizon-is-not-judged", "--device", "usb:"), "--mutant brings a device of its own"),
         (("--mutants", "--device", "usb:"), "--mutants brings devices of its own"),
         (

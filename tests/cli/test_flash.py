@@ -35,7 +35,7 @@ from tests.host.upgrades import (
     untouched,
 )
 
-GUIDE = (Path(__file__).parents[2] / "docs" / "flashing.md").read_text(encoding="utf-8")
+GUIDE = (Path(__file__).parents[2] / "docs" / "how-to/flashing.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture

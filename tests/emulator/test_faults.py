@@ -653,7 +653,7 @@ def test_an_error_names_an_impossible_field(kind: type[InjectedFault], fields: d
 
 
 def test_every_fault_is_documented() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference/faults.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([a-z-]+)` \|", page, re.MULTILINE)
     assert rows == list(FAULTS)
     spec = (Path(__file__).parents[2] / "protocol" / "SPEC.md").read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from phasewire.protocol import Reason, Update
 
 from tests.emulator.fault_bench import HALF, playing
 
-DOCUMENT = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
+DOCUMENT = (Path(__file__).parents[2] / "docs" / "reference/faults.md").read_text(encoding="utf-8")
 
 SCENARIO = """
 [[fault]]

@@ -294,7 +294,8 @@ def reader_seeds(group: str, firmware: list[bytes]) -> list[bytes]:
             return _cuts(_recorded())
         case "toml":
             documents = "".join(
-                (DOCUMENTS / f"{name}.md").read_text() for name in ("conformance", "faults", "cli", "hands")
+                (DOCUMENTS / name).read_text()
+                for name in ("how-to/conformance.md", "reference/faults.md", "reference/cli.md", "how-to/hands.md")
             )
             written = re.findall(r"```toml\n(.*?)```", documents, re.DOTALL)
             return [*map(str.encode, written), *_cuts("".join(written).encode())]

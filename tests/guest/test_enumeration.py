@@ -19,7 +19,7 @@ pytestmark = pytest.mark.guest
 EXAMPLES = hex_examples()
 PRODUCT, SERIAL = "phasewire five-board array (emulated)", "EMU-0001"
 RULE = "60-phasewire.rules"
-GUIDE = (Path(__file__).parents[2] / "docs/usb_device.md").read_text(encoding="utf-8")
+GUIDE = (Path(__file__).parents[2] / "docs/how-to/usb_device.md").read_text(encoding="utf-8")
 
 
 def specified(speed: str) -> bytes:
@@ -61,7 +61,7 @@ def test_the_tools_of_the_project_find_it(bench: Bench) -> None:
 
 
 def test_the_udev_rule_gives_it_to_the_group_only(bench: Bench) -> None:
-    """Installed as docs/first-connection.md says, by programs that need no driver: dfu-util opens the device."""
+    """Installed as docs/how-to/first-connection.md says, by programs that need no driver: dfu-util opens the device."""
 
     def seen_by(group: str) -> str:
         user = ("setpriv", "--reuid=nobody", f"--regid={group}", "--clear-groups")

@@ -16,7 +16,9 @@ from .conftest import Bench
 
 pytestmark = pytest.mark.guest
 
-GUIDE = (Path(__file__).parents[2] / "docs/flashing.md").read_text(encoding="utf-8").partition("## By dfu-util")[2]
+GUIDE = (
+    (Path(__file__).parents[2] / "docs/how-to/flashing.md").read_text(encoding="utf-8").partition("## By dfu-util")[2]
+)
 DOWNLOAD, UPLOAD, BACK = (
     shlex.split(line, comments=True) for line in re.findall(r"^dfu-util --.*", GUIDE, re.MULTILINE)
 )

@@ -1,4 +1,4 @@
-"""The commands of docs/usb_device.md, in the guest, exactly as on the page."""
+"""The commands of docs/how-to/usb_device.md, in the guest, exactly as on the page."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .conftest import Bench
 
 pytestmark = [pytest.mark.guest, pytest.mark.guest_slow]
 
-GUIDE = (Path(__file__).parents[2] / "docs/usb_device.md").read_text(encoding="utf-8")
+GUIDE = (Path(__file__).parents[2] / "docs/how-to/usb_device.md").read_text(encoding="utf-8")
 
 
 def blocks() -> list[list[list[str]]]:

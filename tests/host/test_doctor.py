@@ -35,7 +35,7 @@ from tests.host.serving import Served
 
 OK, WARN, FAIL, SKIPPED = CheckVerdict.OK, CheckVerdict.WARN, CheckVerdict.FAIL, CheckVerdict.SKIPPED
 BACKEND = "phasewire.emulator.doors.backend.open_backend"
-GUIDE = Path(__file__).parents[2] / "docs" / "first-connection.md"
+GUIDE = Path(__file__).parents[2] / "docs" / "how-to/first-connection.md"
 
 
 def found_by(url: str, **options: Any) -> dict[str, Finding]:

@@ -1,4 +1,4 @@
-"""Every fault of the emulator while a stream plays: the host ends as docs/host.md says, and the outputs are off."""
+"""Each fault of the emulator during a stream: the host ends as docs/how-to/host.md says, with the outputs off."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from phasewire.emulator.faults import FAULTS, InjectedFault
 from phasewire.errors import DeviceError
 from phasewire.host.playing.streaming import StreamReport
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "host.md"
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "how-to/host.md"
 PERIOD = 3000
 LINGERS = {"silent-host": 4100, "dead-processor": 2100, "dead-board": 2100}
 """Periods for which outputs that are out of reach may stay on: the watchdog's time, and 50 ms (CHN-018)."""

@@ -49,7 +49,7 @@ def test_real_mutants_are_judged_by_the_real_suite() -> None:
 
 
 def test_the_document_of_mutants_has_all_of_them_and_all_are_caught() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "mutants.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "reference/mutants.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| `([^`]+)` \| (.*) \| [A-Z]+-\d[^|]* \| [^|]*\|$", text, re.MULTILINE))
     assert rows == {name: mutant.sentence.replace("|", "∣") for name, mutant in MUTANTS.items()}
     assert f"none of {len(MUTANTS)} got away" in text

@@ -26,7 +26,7 @@ from phasewire.host.lines.opening import entries
 
 from tests.host.serving import Served
 
-GUIDE = Path(__file__).parents[3] / "docs" / "conformance.md"
+GUIDE = Path(__file__).parents[3] / "docs" / "how-to/conformance.md"
 RESET = frozenset({Risk.RESET})
 POWER = ("power/everything-begins-anew-with-a-restart[power]", "power/what-the-device-is-stays-over-a-restart[power]")
 SEEN = "pulses/pulses-are-packed-as-the-specification-shows"

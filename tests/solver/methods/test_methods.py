@@ -26,7 +26,7 @@ def _first_alone(problem: Problem) -> NDArray[np.complex128]:
 FIRST = Method("the first point alone", "phase", ("gamma",), _first_alone)
 NOT_A_METHOD = "text"
 HERE = {"first": "FIRST", "text": "NOT_A_METHOD", "gone": "MISSING", "wgs": "FIRST"}
-GUIDE = Path(__file__).parents[3] / "docs/solver.md"
+GUIDE = Path(__file__).parents[3] / "docs/explanation/solver.md"
 MODULES = {
     "mypackage": re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)[0],
     "unknown_option": "from phasewire.solver import Method\nFOUND = Method('text', 'phase', ('sharpness',), len)",
