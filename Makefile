@@ -7,7 +7,7 @@ TEST_PROCESSES ?= 2
 FUZZ_SECONDS ?= 60
 SOAK_MINUTES ?= 120
 
-.PHONY: help demo test test-slow test-usb test-usb-all mutants lint format vectors fuzz soak bench bench-peers clean
+.PHONY: help demo docs test test-slow test-usb test-usb-all mutants lint format vectors fuzz soak bench bench-peers clean
 .DEFAULT_GOAL := help
 
 help:            ## list the targets
@@ -36,6 +36,10 @@ soak: $(VENV)/ready          ## a stream with random faults, SOAK_MINUTES (120) 
 
 mutants: $(VENV)/ready       ## the conformance suite against every broken emulator, in a quarter of an hour
 	@$(BIN)/phasewire conformance --mutants --jobs $(TEST_PROCESSES)
+
+docs: $(VENV)/ready          ## the documents as a site, in build/docs/docs/index.html; a broken link is an error
+	@$(BIN)/python -m sphinx -q -W --keep-going -b html -c docs . build/docs
+	@echo "build/docs/docs/index.html"
 
 lint: $(VENV)/ready          ## style, types, the import rules, and the English of texts
 	@$(BIN)/ruff check .

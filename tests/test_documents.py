@@ -26,18 +26,20 @@ DOCUMENTS = [
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+FIRST_STEPS = (ROOT / "docs/tutorial/first-steps.md").read_text(encoding="utf-8")
 
 
-def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    way, solver, touch = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+def test_the_python_of_the_first_steps_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    (way,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    solver, touch = re.findall(r"```python\n(.*?)```", FIRST_STEPS, re.DOTALL)
     exec(compile(way, "README.md", "exec"), {})
     first, second = (float(number) for number in re.findall(r"[\d.]+", capsys.readouterr().out))
     assert second / first == pytest.approx(0.5, abs=0.05)
-    exec(compile(solver, "README.md", "exec"), {})
+    exec(compile(solver, "first-steps.md", "exec"), {})
     mean, spread = (float(number) for number in re.findall(r"[\d.]+", capsys.readouterr().out))
     assert mean > 1000
     assert spread < 0.5  # per cent
-    exec(compile(touch, "README.md", "exec"), {})
+    exec(compile(touch, "first-steps.md", "exec"), {})
     arcs, points = (int(number) for number in re.findall(r"\d+", capsys.readouterr().out))
     assert points > arcs > 0
 
@@ -54,6 +56,7 @@ def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> No
         ("how-to/hands.md", 3),
         ("explanation/touch.md", 3),
         ("explanation/solver.md", 1),
+        ("explanation/hardware.md", 1),
     ],
 )
 def test_the_python_of_the_documents_runs(
@@ -68,11 +71,12 @@ def test_the_python_of_the_documents_runs(
         exec(compile(example, name, "exec"), {})
 
 
-def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_of_the_first_steps_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
-    commands = re.findall(r"^\.venv/bin/phasewire (.*?) +#", README, re.MULTILINE)
-    assert len(commands) == 16
+    shown = re.findall(r"^\.venv/bin/phasewire (.*?)(?: +#.*)?$", README + FIRST_STEPS, re.MULTILINE)
+    commands = list(dict.fromkeys(shown))  # each once, in order
+    assert len(commands) == 18
     for command in commands:
         arguments = shlex.split(command)
         if "--umockdev" in arguments and shutil.which("umockdev-wrapper") is None:
@@ -129,10 +133,18 @@ def test_examples_in_the_help_of_commands_exist_with_their_options() -> None:
         assert understood(example) == context.command_path.partition(" ")[2]
 
 
-def test_the_readme_lists_every_command() -> None:
-    listed = re.findall(r"^\| `phasewire ([\w -]+)` \|", README, re.MULTILINE)
+def test_the_reference_lists_every_command() -> None:
+    reference = (ROOT / "docs/reference/cli.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `phasewire ([\w -]+)` \|", reference, re.MULTILINE)
     context = typer.Context(command_line(), info_name="phasewire")
     assert sorted(listed) == sorted(each.command_path.partition(" ")[2] for each in each_command(context))
+
+
+def test_the_index_leads_to_every_document() -> None:
+    index = (ROOT / "docs/index.md").read_text(encoding="utf-8")
+    named = {(ROOT / "docs" / f"{line}.md").resolve() for line in re.findall(r"^[\w./-]+$", index, re.MULTILINE)}
+    tutorials = set((ROOT / "docs/tutorial").glob("*.md"))
+    assert named | tutorials | {ROOT / "docs/index.md"} == set(DOCUMENTS)
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
