@@ -68,6 +68,7 @@ from .solver import pressure as pressure
 from .solver import radiation_pressure as radiation_pressure
 from .solver import read_mesh as read_mesh
 from .solver import read_points as read_points
+from .solver import read_transducers as read_transducers
 from .solver import read_volume_mesh as read_volume_mesh
 from .solver import relative_level as relative_level
 from .solver import sample_cut as sample_cut

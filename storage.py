@@ -9,6 +9,7 @@ import stat
 import struct
 import tomllib
 import zlib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import FileIO
@@ -59,8 +60,11 @@ def read_file(path: FilePath, most_bytes: int) -> bytes:
 
 def read_text(path: FilePath, most_bytes: int) -> str:
     """The text of a file in UTF-8, with or without a byte order mark; errors as `read_file`, and if it is no text."""
+    data = read_file(path, most_bytes)
+    if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        raise InputFileError(f"{path} is text in UTF-16; save it as UTF-8")
     try:
-        return read_file(path, most_bytes).decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputFileError(f"{path} is no text in UTF-8: {error}") from error
 

@@ -10,11 +10,14 @@ import typer
 
 from ..host.lines.opening import DEFAULT_URL, URL_VARIABLE
 from ..host.playing.calibration import Calibration
+from ..solver.acoustics.array import TransducerArray
+from ..solver.acoustics.array_files import read_transducers
 from .completion import device_urls
 from .console import error_console
 
 __all__ = [
     "MOST_SECONDS",
+    "ArrayOption",
     "CalibrationOption",
     "DeviceOption",
     "ForeverOption",
@@ -23,6 +26,7 @@ __all__ = [
     "command_for",
     "given",
     "is_fresh",
+    "load_array",
     "load_calibration",
     "note_where_fresh",
 ]
@@ -53,6 +57,15 @@ CalibrationOption = Annotated[
     ),
 ]
 
+ArrayOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--array",
+        metavar="FILE",
+        help="A .csv or .toml file of the array's transducers (docs/how-to/any-array.md).",
+    ),
+]
+
 PoseOption = Annotated[
     Path | None,
     typer.Option(
@@ -70,6 +83,11 @@ ForeverOption = Annotated[bool, typer.Option("--forever", help="Play until Ctrl-
 def load_calibration(path: Path | None) -> Calibration | None:
     """The calibration in a file, None without one."""
     return None if path is None else Calibration.load(path)
+
+
+def load_array(path: Path | None) -> TransducerArray | None:
+    """The array in a file, None without one."""
+    return None if path is None else read_transducers(path)
 
 
 def given(context: typer.Context, option: str) -> bool:

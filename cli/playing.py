@@ -34,6 +34,7 @@ from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
 from .options import (
     MOST_SECONDS,
+    ArrayOption,
     CalibrationOption,
     DeviceOption,
     ForeverOption,
@@ -41,6 +42,7 @@ from .options import (
     command_for,
     given,
     is_fresh,
+    load_array,
     load_calibration,
     note_where_fresh,
 )
@@ -102,9 +104,26 @@ SpinOption = Annotated[
 ]
 
 
-def array_of(what: Info) -> TransducerArray:
-    """The transducers of a device."""
-    return TransducerArray.grid(what.columns, what.rows, what.pitch)
+def array_of(what: Info, own: TransducerArray | None = None) -> TransducerArray:
+    """The transducers of a device, or those of a file; `ValueError` if these are not as many."""
+    if own is None:
+        return TransducerArray.grid(what.columns, what.rows, what.pitch)
+    if len(own) != what.channels:
+        raise ValueError(
+            f"--array has {len(own)} transducers, but the device has {what.channels}; it must have one for each "
+            "channel, in their order"
+        )
+    return own
+
+
+def check_fit(name: str, source: Source, what: Info) -> None:
+    """Raise `ValueError` if frames of a source of this name are for another number of transducers than a device has."""
+    channels = source.channels
+    if channels not in (None, what.channels):
+        raise ValueError(
+            f"{name} is for {channels} transducers, but the device has {what.channels} ({what.columns} × {what.rows}, "
+            f"{what.pitch * 1e3:g} mm apart); solve it again for an array of {what.channels}"
+        )
 
 
 def warn_of_differences(name: str, source: Source, what: Info) -> None:
@@ -167,6 +186,7 @@ def show(
         if source.still is None:
             raise ValueError(f"{file} holds many frames; `phasewire stream {shlex.quote(str(file))}` plays them")
     with open_device(device, calibration=load_calibration(calibration)) as opened:
+        check_fit(str(file), source, opened.info)
         warn_of_differences(str(file), source, opened.info)
         ack = opened.show(source.still)
         message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
@@ -205,6 +225,7 @@ def stream(
     reconnect: Annotated[
         bool, typer.Option("--reconnect", help="Go on with the next frame when a lost device comes back.")
     ] = False,
+    array: ArrayOption = None,
     calibration: CalibrationOption = None,
     json_target: JsonOption = None,
 ) -> None:
@@ -217,14 +238,16 @@ def stream(
     to it, as fast as this computer allows.
     """
     check_outputs([json_target], inputs=files_in(source))
+    own = load_array(array)
     envelope = sine(modulation) if modulation else None
     meter = Meter(error_console())
     with open_source(source) as what:
         check_options(context, source, what)
         pace = rate or what.rate or RATE
         with open_device(device, calibration=load_calibration(calibration)) as opened:
+            check_fit(source, what, opened.info)
             warn_of_differences(source, what, opened.info)
-            frames = frames_of(what, array_of(opened.info), method, spin, pace)
+            frames = frames_of(what, array_of(opened.info, own), method, spin, pace)
             most = None if forever else frames_in(what, seconds, pace)
             told = {"format": "phasewire-stream-1", "device": opened.name, "status": None, "error": None}
             try:
@@ -270,6 +293,7 @@ def play(
         float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points alternate.")
     ] = TACTILE_HZ,
     method: MethodOption = "wgs",
+    array: ArrayOption = None,
     calibration: CalibrationOption = None,
     json_target: JsonOption = None,
 ) -> None:
@@ -283,12 +307,12 @@ def play(
     if unattended and (given(context, "forever") or given(context, "seconds")):
         raise ValueError("--unattended does not wait: --forever and --seconds have no effect with it; leave them out")
     points = read_source(source)
-    corrected = load_calibration(calibration)
+    own, corrected = load_array(array), load_calibration(calibration)
     if unattended:
         note_where_fresh(device)
     opened = open_device(device, calibration=corrected)
     with leaving_on(opened) if unattended else opened:
-        solution = two_sided(array_of(opened.info), points, method=method, frequency=modulation)
+        solution = two_sided(array_of(opened.info, own), points, method=method, frequency=modulation)
         drives, steps = solution.modulation.slots()
         for slot, drive in enumerate(drives):
             opened.store(slot, drive)
@@ -332,28 +356,30 @@ def record_command(
     rate: RateOption = None,
     method: MethodOption = "tikhonov",
     spin: SpinOption = 0.0,
+    array: ArrayOption = None,
     calibration: CalibrationOption = None,
     json_target: JsonOption = None,
 ) -> None:
     """Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.
 
-    Points are solved for 20 × 16 transducers, 10.3 mm apart, and air of 20 °C. Solved or recorded frames keep their
+    Points are solved for --array, by default 20 × 16 transducers, 10.3 mm apart, and air of 20 °C. Solved or recorded frames keep their
     array and their air, and a recording its rate and its calibration.
     """
     check_outputs([output, json_target], inputs=files_in(source))
     if output.suffix.lower() != SUFFIX:
         raise ValueError(f"{output}: a recording has the suffix {SUFFIX}")
+    own = load_array(array)
     with open_source(source) as what:
         check_options(context, source, what)
         pace = rate or what.rate or RATE
-        array = what.array or TransducerArray.grid()
-        frames = frames_of(what, array, method, spin, pace)
+        used = what.array or own or TransducerArray.grid()
+        frames = frames_of(what, used, method, spin, pace)
         most = frames_in(what, seconds, pace)
         written = record(
             output,
             frames if most is None else beginning(frames, most),
             pace,
-            array=array,
+            array=used,
             medium=what.medium,
             calibration=load_calibration(calibration) if what.holds_drives else what.calibration,
             source=source,

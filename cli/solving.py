@@ -38,6 +38,7 @@ from ..solver.shapes.points import REACH
 from ..solver.shapes.shapes import shape_help
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
+from .options import ArrayOption, given, load_array
 from .points import files_in, read_source, shapes_and_files
 
 __all__ = ["commands"]
@@ -46,6 +47,7 @@ commands = typer.Typer(rich_markup_mode=None)
 
 PLANES = {"xy": "xy", "xz": "xz", "yz": "yz", "box": "xyz"}  # by name, the axes of each
 CLEARANCE = 0.01  # the least distance in metres of a standing plane from the array
+DEFAULT_TRANSDUCER = "MA40S4S"
 NUMBERS, VTK = ".npz", ".vti"
 DRAWN = (*QUANTITIES, OIL)
 
@@ -89,6 +91,16 @@ def read_settings(settings: Sequence[str]) -> dict[str, Any]:
     return values
 
 
+def with_transducer(array: TransducerArray, name: str | None, model: str | None) -> TransducerArray:
+    """The same array of other transducers; None for what remains."""
+    if name is not None and name not in TRANSDUCERS:
+        raise ValueError(f"unknown transducer {name!r}; known are {', '.join(TRANSDUCERS)}")
+    part = array.transducer if name is None else dataclasses.replace(TRANSDUCERS[name], model=array.transducer.model)
+    if model is not None:
+        part = dataclasses.replace(part, model=model)
+    return TransducerArray(array.positions, array.normals, part)
+
+
 @commands.command(
     name="solve",
     epilog="Example: phasewire solve sphere:radius=0.04,palm=0.18 --output sphere.npz",
@@ -115,6 +127,7 @@ An option is set as in --set gamma=0.5 --set steps=30 . Of all of them, output i
 scaled alike, each at full drive with its phase, or raised and cut off at full drive.""",
 )
 def solve_command(
+    context: typer.Context,
     source: Annotated[
         str,
         typer.Argument(
@@ -136,19 +149,25 @@ def solve_command(
         list[str] | None,
         typer.Option("--set", metavar="OPTION=VALUE", help="Set an option of the method; can be given several times."),
     ] = None,
-    columns: Annotated[int, typer.Option(help="Transducers along x.")] = COLUMNS,
-    rows: Annotated[int, typer.Option(help="Transducers along y.")] = ROWS,
-    pitch: Annotated[float, typer.Option(help="Distance between transducers, in m.")] = PITCH,
+    array: ArrayOption = None,
+    columns: Annotated[int, typer.Option(help="Without --array: transducers along x.")] = COLUMNS,
+    rows: Annotated[int, typer.Option(help="Without --array: transducers along y.")] = ROWS,
+    pitch: Annotated[float, typer.Option(help="Without --array: distance between transducers, in m.")] = PITCH,
     transducer: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help=f"The transducer, by its published strength: {', '.join(TRANSDUCERS)}.",
+            help=f"The transducer, by its published strength: {', '.join(TRANSDUCERS)}; by default that of --array, or "
+            f"{DEFAULT_TRANSDUCER}.",
             autocompletion=among(TRANSDUCERS),
         ),
-    ] = "MA40S4S",
+    ] = None,
     model: Annotated[
-        str, typer.Option(help=f"Model of the transducer: {', '.join(MODELS)}.", autocompletion=among(MODELS))
-    ] = "piston",
+        str | None,
+        typer.Option(
+            help=f"Model of the transducer: {', '.join(MODELS)}; by default that of --array, or piston.",
+            autocompletion=among(MODELS),
+        ),
+    ] = None,
     temperature: Annotated[float, typer.Option(help="Temperature of the air, in °C.")] = 20.0,
     humidity: Annotated[
         float | None, typer.Option(help="Humidity of air that absorbs, in %; by default nothing is absorbed.")
@@ -158,26 +177,27 @@ def solve_command(
     """Find the drives that make a shape (the help text above is built from the shapes and the methods)."""
     if output.suffix.lower() != ".npz":
         raise ValueError(f"{output}: the name of a solved file ends in .npz")
-    check_outputs([output, json_target], inputs=files_in(source))
+    check_outputs([output, json_target], inputs=[*files_in(source), *filter(None, (array,))])
     points = read_source(source, spacing)
-    if transducer not in TRANSDUCERS:
-        raise ValueError(f"unknown transducer {transducer!r}; known are {', '.join(TRANSDUCERS)}")
-    part = dataclasses.replace(TRANSDUCERS[transducer], model=model)
-    array = TransducerArray.grid(columns, rows, pitch, part)
+    read = load_array(array)
+    for option in ("columns", "rows", "pitch"):
+        if read is not None and given(context, option):
+            raise ValueError(f"--{option} has no effect with --array, which states where each transducer is")
+    used = with_transducer(read or TransducerArray.grid(columns, rows, pitch), transducer, model)
     medium = Medium(temperature) if humidity is None else Medium(temperature, absorbing=True, humidity=humidity)
     options = read_settings(settings or [])
     options_of(method, options)  # names options of no method, which may be names of other things
-    solver = Solver(array, method, medium=medium, **options)
+    solver = Solver(used, method, medium=medium, **options)
     with error_console().status("solving; the first time on a machine, compiling takes about 10 s"):
         solver.solve(points)
     solver.forget()
     started = perf_counter()
     solution = solver.solve(points)
     milliseconds = (perf_counter() - started) * 1e3
-    reached = np.abs(pressure(array, solution.drive, points.positions, solution.medium))
+    reached = np.abs(pressure(used, solution.drive, points.positions, solution.medium))
     save_solution(output, solution)
     console_for(json_target).print(
-        f"{len(points)} control points, {len(array)} transducers, {method} in {milliseconds:.2f} ms: "
+        f"{len(points)} control points, {len(used)} transducers, {method} in {milliseconds:.2f} ms: "
         f"{reached.min():.0f} to {reached.max():.0f} Pa (peak) at the points. Written to {output}.",
     )
     write_json(
@@ -187,7 +207,7 @@ def solve_command(
             "file": str(output),
             "method": method,
             "control_points": len(points),
-            "transducers": len(array),
+            "transducers": len(used),
             "milliseconds": milliseconds,
             "pressure_pa": reached.tolist(),
         },
@@ -204,7 +224,8 @@ def field_grid(solution: Solution, plane: str, at: float | None, extent: float, 
         raise ValueError(f"unknown plane {plane!r}; known are {', '.join(PLANES)}")
     axes = PLANES[plane]
     centre = np.array([0.0, 0.0, solution.points.positions[:, 2].mean()])
-    if "z" in axes and extent < REACH:  # Grid raises for an invalid extent
+    upright = (solution.array.normals[:, 2] > 0).all()  # nothing looks down from above
+    if "z" in axes and upright and extent < REACH:  # Grid raises for an invalid extent
         lowest = solution.array.positions[:, 2].max() + CLEARANCE
         centre[2] = max(centre[2], lowest + extent / 2)
     if at is not None:

@@ -53,6 +53,7 @@ ARCHIVE = ".npz"
 HEEDED: dict[str, tuple[tuple[type, ...], str]] = {
     "spin": ((ControlPoints,), "only a shape or a file of points can turn"),
     "method": ((ControlPoints, Iterator), "only points are solved for"),
+    "array": ((ControlPoints, Iterator), "its frames are solved already"),
     "calibration": ((ControlPoints, Iterator, Solution, np.ndarray), "it holds pulses, which are played unchanged"),
 }
 """Options that only some kinds of content use, and why others do not."""
@@ -74,6 +75,22 @@ class Source(NamedTuple):
     def still(self) -> Pulses | Solution | None:
         """The only frame, if there is only one."""
         return self.content if isinstance(self.content, Pulses | Solution) else None
+
+    @property
+    def channels(self) -> int | None:
+        """The number of transducers that its frames are for; None if points are solved for any array."""
+        match self.content:
+            case Pulses() as frame:
+                return len(frame)
+            case Solution() as solution:
+                return len(solution.drive)
+            case PulseFrames() as frames:
+                return int(frames.phase.shape[1])
+            case np.ndarray() as drives:
+                return int(drives.shape[1])
+            case Recording() as recording:
+                return recording.channels
+        return None
 
     @property
     def holds_drives(self) -> bool:

@@ -38,7 +38,7 @@ from ..solver.shapes.curves import SPACING
 from ..solver.shapes.points import MAX_POINTS
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
-from .options import MOST_SECONDS, CalibrationOption, DeviceOption, PoseOption, load_calibration
+from .options import MOST_SECONDS, ArrayOption, CalibrationOption, DeviceOption, PoseOption, load_array, load_calibration
 from .playing import array_of
 
 __all__ = ["commands"]
@@ -152,6 +152,7 @@ def touch(
         bool, typer.Option("--predict/--no-predict", help="Whether to extrapolate hands by their velocity.")
     ] = True,
     pose: PoseOption = None,
+    array: ArrayOption = None,
     calibration: CalibrationOption = None,
     recording: Annotated[
         Path | None,
@@ -179,11 +180,11 @@ def touch(
     """Let hands touch objects, and play what they feel; the help above has the details."""
     check_outputs(
         [picture, timeline, recording, None if recording is None else log_path(recording), json_target],
-        [*files_of(hand), *filter(None, (pose, calibration))],
+        [*files_of(hand), *filter(None, (pose, array, calibration))],
     )
     for drawn in filter(None, (picture, timeline)):
         check_picture_path(drawn)
-    placed = None if pose is None else Pose.load(pose)
+    placed, own = None if pose is None else Pose.load(pose), load_array(array)
     toucher = Toucher(spacing, corners, points)
     out, meter, best = console_for(json_target), _Meter(error_console()), _Best()
     with error_console().status("reading") as status:
@@ -196,7 +197,7 @@ def touch(
         source = stack.enter_context(PlacedHands(open_hands(hand, opened.time), placed))
         for note in source.notes:
             error_console().print(f"warning: {note}", style="yellow")
-        array = array_of(opened.info)
+        transducers = array_of(opened.info, own)
         seen: list[Callable[[TouchMoment], None]] = [best] if picture or timeline else []
         if recording is not None:
             seen.append(stack.enter_context(TouchLog(recording, source.rate, frequency, hand, placed)))
@@ -205,7 +206,7 @@ def touch(
             source,
             _placed_at(things, opened.time.monotonic()),
             toucher,
-            array,
+            transducers,
             method=method,
             frequency=frequency,
             ramp=ramp,
@@ -247,7 +248,7 @@ def touch(
         if failure is not None:
             raise failure
     for path, draw in (
-        (picture, partial(_draw, array, meter.last.frequency_hz)),
+        (picture, partial(_draw, transducers, meter.last.frequency_hz)),
         (timeline, partial(_draw_way, toucher, method)),
     ):
         if path is not None and best.moment is None:

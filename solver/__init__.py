@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from .acoustics.aperture import Aperture
 from .acoustics.array import TransducerArray
+from .acoustics.array_files import read_transducers
 from .acoustics.diffraction import KERNELS
 from .acoustics.medium import Medium
 from .acoustics.models import residual
@@ -105,6 +106,7 @@ __all__ = [
     "radiation_pressure",
     "read_mesh",
     "read_points",
+    "read_transducers",
     "read_volume_mesh",
     "relative_level",
     "residual",

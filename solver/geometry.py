@@ -16,6 +16,7 @@ __all__ = [
     "Scalar",
     "as_points",
     "as_position",
+    "as_rotation",
     "extent",
     "frozen",
     "place",
@@ -105,6 +106,27 @@ def as_position(value: ArrayLike, what: str) -> NDArray[np.float64]:
     if place.shape != (3,) or not (place.max() <= FARTHEST and place.min() >= -FARTHEST):
         raise ValueError(f"{what} {place.tolist()} must be three numbers of metres, at most {FARTHEST:g} each")
     return place
+
+
+def as_rotation(values: ArrayLike) -> NDArray[np.float64]:
+    """Read a (3, 3) rotation matrix, which may be written with three digits; the result is exact.
+
+    Raises
+    ------
+    ValueError
+        If the rows are not perpendicular and of length 1, or it is a reflection.
+    """
+    matrix = np.array(values, dtype=np.float64)
+    if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=1e-3):
+        raise ValueError(f"rotation {matrix.tolist()} must have three perpendicular rows of length 1")
+    if np.linalg.det(matrix) < 0:
+        raise ValueError(
+            f"rotation {matrix.tolist()} is a reflection: a left hand would become a right one; "
+            "change the sign of a row if an axis points the wrong way"
+        )
+    left, _, right = np.linalg.svd(matrix)  # what is written with three digits becomes exact
+    nearest: NDArray[np.float64] = left @ right
+    return nearest
 
 
 def rotation_matrix(degrees: float, axis: ArrayLike) -> NDArray[np.float64]:

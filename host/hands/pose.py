@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -11,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputFileError
 from ...solver.contact.hand import Hand
-from ...solver.geometry import as_points, as_position, frozen, place, rotation_matrix
+from ...solver.geometry import as_points, as_position, as_rotation, frozen, place
+from ...solver.placement import PLACEMENT_KEYS, read_placement, table_numbers
 from ...storage import FilePath, read_toml
 from .frames import HandFrame
 
@@ -19,7 +19,7 @@ __all__ = ["Pose"]
 
 LEAST_SCALE, MOST_SCALE = 0.5, 2.0
 """Beyond these it is no error of the tracker's scale but a wrong unit."""
-_KEYS = ("translation_m", "translation_mm", "rotation", "rotation_degrees", "scale")
+_KEYS = (*PLACEMENT_KEYS, "scale")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Pose:
 
     def __post_init__(self) -> None:
         """Check it."""
-        object.__setattr__(self, "rotation", frozen(_as_rotation(self.rotation)))
+        object.__setattr__(self, "rotation", frozen(as_rotation(self.rotation)))
         object.__setattr__(self, "translation", frozen(as_position(self.translation, "translation")))
         if not LEAST_SCALE <= self.scale <= MOST_SCALE:
             raise ValueError(f"scale {self.scale} must be from {LEAST_SCALE} to {MOST_SCALE}")
@@ -89,17 +89,8 @@ class Pose:
         for key in table:
             if key not in _KEYS:
                 raise ValueError(f"there is no field {key!r}; the fields are {', '.join(_KEYS)}")
-        for one, other in (("translation_m", "translation_mm"), ("rotation", "rotation_degrees")):
-            if one in table and other in table:
-                raise ValueError(f"{one} and {other} exclude each other; give one of them")
-        translation = _numbers(table, "translation_m", (3,), [0, 0, 0])
-        if "translation_mm" in table:
-            translation = _numbers(table, "translation_mm", (3,)) * 1e-3
-        rotation = _numbers(table, "rotation", (3, 3), np.eye(3).tolist())
-        if "rotation_degrees" in table:
-            x, y, z = _numbers(table, "rotation_degrees", (3,))
-            rotation = rotation_matrix(z, (0, 0, 1)) @ rotation_matrix(y, (0, 1, 0)) @ rotation_matrix(x, (1, 0, 0))
-        return cls(rotation, translation, float(_numbers(table, "scale", (), 1)))
+        rotation, translation = read_placement(table)
+        return cls(rotation, translation, float(table_numbers(table, "scale", (), 1)))
 
     def to_table(self) -> dict[str, Any]:
         """The fields of a pose file."""
@@ -167,32 +158,3 @@ class Pose:
         """
         landmarks = (self.scale * hand.landmarks) @ self.rotation.T + self.translation
         return Hand(landmarks, hand.side, self.scale * hand.widths)
-
-
-def _as_rotation(values: ArrayLike) -> NDArray[np.float64]:
-    matrix = np.array(values, dtype=np.float64)
-    if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=1e-3):
-        raise ValueError(f"rotation {matrix.tolist()} must have three perpendicular rows of length 1")
-    if np.linalg.det(matrix) < 0:
-        raise ValueError(
-            f"rotation {matrix.tolist()} is a reflection: a left hand would become a right one; "
-            "change the sign of a row if an axis points the wrong way"
-        )
-    left, _, right = np.linalg.svd(matrix)  # what is written with three digits becomes exact
-    nearest: NDArray[np.float64] = left @ right
-    return nearest
-
-
-def _numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], otherwise: object = None) -> NDArray[np.float64]:
-    """A field of numbers of a shape."""
-    given = table.get(key, otherwise)
-    try:
-        values = np.array(given)
-    except ValueError:
-        values = np.array(None)
-    if values.shape != shape or values.dtype.kind not in "if" or not all(map(math.isfinite, values.flat)):
-        what = {(): "a finite number", (3,): "three finite numbers", (3, 3): "three rows of three finite numbers"}[
-            shape
-        ]
-        raise ValueError(f"{key} is {given!r}; it must be {what}")
-    return values.astype(np.float64)

@@ -67,6 +67,12 @@ READERS: dict[Any, tuple[Callable[[str], Any], str]] = {
 """How a parameter is read from text and what it must be, by its annotation."""
 
 
+def _with_point(text: str, decimals: str) -> str:
+    """The parameter of ``text`` whose ``decimals`` stand after a comma, with a point."""
+    before, _, _ = text.partition(f",{decimals}")
+    return f"{before.rpartition(',')[2]}.{decimals}"
+
+
 def read_parameters(name: str, text: str, *kinds: type[Any]) -> dict[str, Any]:
     """Read ``parameter=value,…`` for dataclasses that have no parameter in common.
 
@@ -80,7 +86,9 @@ def read_parameters(name: str, text: str, *kinds: type[Any]) -> dict[str, Any]:
     known = {field.name: field.type for kind in kinds for field in dataclasses.fields(kind)}
     values: dict[str, Any] = {}
     for item in filter(None, text.split(",")):
-        key, _, value = item.partition("=")
+        key, equals, value = item.partition("=")
+        if not equals and values and item.strip().isdigit():
+            raise ValueError(f"{name}:{text} has a number with a comma; write a point, as in {_with_point(text, item)}")
         if key not in known:
             raise ValueError(f"{name} has no parameter {key!r}; it has {', '.join(sorted(known))}")
         if key in values:

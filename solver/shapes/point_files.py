@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from ...errors import InputFileError
 from ...storage import FilePath, read_text
+from ..number_files import csv_rows, text_rows
 from .points import ControlPoints
 
 __all__ = ["POINT_FILES", "read_points"]
 
 MOST_POINT_BYTES = 4_000_000
 """A hundred thousand points, far more than any solver takes."""
+FORMS = ("x,y,z", "x,y,z,amplitude")
 
 
 def read_points(path: FilePath) -> ControlPoints:
@@ -45,44 +46,18 @@ def read_points(path: FilePath) -> ControlPoints:
 
 
 def _read_csv(text: str) -> tuple[list[list[float]], list[float] | None]:
-    return _read_table(csv.reader(text.splitlines()), ",")
+    return _points(csv_rows(text, FORMS))
 
 
 def _read_text(text: str) -> tuple[list[list[float]], list[float] | None]:
-    return _read_table((line.partition("#")[0].split() for line in text.splitlines()), " ")
+    return _points(text_rows(text, FORMS))
 
 
-def _read_table(lines: Iterable[list[str]], separator: str) -> tuple[list[list[float]], list[float] | None]:
-    """Positions, and amplitudes if there are four columns, from the cells of each line of a file."""
-    rows: list[list[float]] = []
-    names_may_come = True
-    for number, cells in enumerate(lines, start=1):
-        if not any(cell.strip() for cell in cells) or cells[0].lstrip().startswith("#"):
-            continue
-        numbers = [_number(cell) for cell in cells]
-        if names_may_come and len(cells) in (3, 4) and not any(value is not None for value in numbers):
-            names_may_come = False
-            continue
-        names_may_come = False
-        row = [value for value in numbers if value is not None]
-        if len(row) != len(cells) or len(row) not in (3, 4):
-            form = separator.join("xyz")
-            raise ValueError(
-                f"line {number}: {separator.join(cells)!r} is not {form} or {form}{separator}amplitude in numbers"
-            )
-        if rows and len(row) != len(rows[0]):
-            raise ValueError(f"line {number} has {len(row)} numbers, but the lines before it have {len(rows[0])}")
-        rows.append(row)
+def _points(rows: list[list[float]]) -> tuple[list[list[float]], list[float] | None]:
+    """Positions, and amplitudes if there are four columns."""
     if not rows:
         raise ValueError("there are no control points in it")
     return [row[:3] for row in rows], [row[3] for row in rows] if len(rows[0]) == 4 else None
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
 
 
 def _read_json(text: str) -> tuple[Any, Any]:
