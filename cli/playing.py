@@ -362,8 +362,8 @@ def record_command(
 ) -> None:
     """Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.
 
-    Points are solved for --array, by default 20 × 16 transducers, 10.3 mm apart, and air of 20 °C. Solved or recorded frames keep their
-    array and their air, and a recording its rate and its calibration.
+    Points are solved for --array, by default 20 × 16 transducers, 10.3 mm apart, and air of 20 °C. Solved or recorded
+    frames keep their array and their air, and a recording its rate and its calibration.
     """
     check_outputs([output, json_target], inputs=files_in(source))
     if output.suffix.lower() != SUFFIX:

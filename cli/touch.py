@@ -38,7 +38,15 @@ from ..solver.shapes.curves import SPACING
 from ..solver.shapes.points import MAX_POINTS
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
-from .options import MOST_SECONDS, ArrayOption, CalibrationOption, DeviceOption, PoseOption, load_array, load_calibration
+from .options import (
+    MOST_SECONDS,
+    ArrayOption,
+    CalibrationOption,
+    DeviceOption,
+    PoseOption,
+    load_array,
+    load_calibration,
+)
 from .playing import array_of
 
 __all__ = ["commands"]

@@ -44,7 +44,9 @@ def read_placement(table: dict[str, Any]) -> tuple[NDArray[np.float64], NDArray[
     return rotation, translation
 
 
-def table_numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], otherwise: object = None) -> NDArray[np.float64]:
+def table_numbers(
+    table: dict[str, Any], key: str, shape: tuple[int, ...], otherwise: object = None
+) -> NDArray[np.float64]:
     """A field of numbers of a shape, a key of `_SHAPES`; `ValueError` if it is anything else."""
     given = table.get(key, otherwise)
     try:

@@ -29,6 +29,7 @@ from phasewire.host.hands.recording import HandRecording
 from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording
 from phasewire.solver.acoustics.aperture import Aperture
+from phasewire.solver.acoustics.array_files import read_transducers
 from phasewire.solver.archives import read_array, read_arrays
 from phasewire.solver.shapes.point_files import read_points
 from phasewire.storage import FilePath, read_toml
@@ -38,6 +39,8 @@ READERS: dict[str, Callable[[FilePath], object]] = {
     "scenario.toml": read_scenario,
     "profile.toml": read_table,
     "points.csv": read_points,
+    "transducers.csv": read_transducers,
+    "rig.toml": read_transducers,
     "points.txt": read_points,
     "points.json": read_points,
     "calibration.csv": Calibration.load,

@@ -60,7 +60,9 @@ def _read_csv(path: Path) -> TransducerArray:
         positions, normals = table[:, :3], table[:, 3:] if table.shape[1] == 6 else np.tile(UP, (len(table), 1))
         lengths = np.linalg.norm(normals, axis=1)
         if (bad := np.flatnonzero(~((lengths > 0) & (lengths < np.inf)))).size:
-            raise ValueError(f"the normal of transducer {bad[0]} is {normals[bad[0]].tolist()}; it must have a direction")
+            raise ValueError(
+                f"the normal of transducer {bad[0]} is {normals[bad[0]].tolist()}; it must have a direction"
+            )
         return TransducerArray(positions, normals / lengths[:, None])
     except (ValueError, csv.Error) as error:
         raise InputFileError(f"{path}: {error}") from error

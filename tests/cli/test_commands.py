@@ -375,7 +375,7 @@ BAD = [
     (("show", "truncated.npz"), 2, "truncated.npz is truncated, corrupted or not an NPZ file"),
     (("show", "corrupted.npz"), 2, "corrupted.npz is truncated, corrupted or not an NPZ file"),
     (("show", "other.npz"), 2, "other.npz holds neither a solution nor pulses"),
-    (("show", "short.npz"), 2, "64 pulses for a device with 320 transducers"),
+    (("show", "short.npz"), 2, "short.npz is for 64 transducers, but the device has 320"),
     (("show", "wide.npz"), 2, "wide.npz: width 26 of transducer 0 is outside 0 to 25 ticks"),
     (
         ("show", "sphere.npz", "--device", "nonsense:"),

@@ -94,7 +94,7 @@ BAD: dict[str, tuple[dict[str, NDArray[Any]], str]] = {
     "flat.npz": ({"drives": np.zeros(N)}, "drives must be complex numbers (k, n)"),
     "text.npz": ({"drives": np.full((2, N), "a")}, "drives must be complex numbers (k, n)"),
     "loud.npz": ({"drives": np.full((2, N), 2.0)}, "drive of transducer 0 of frame 0 has magnitude 2"),
-    "few.npz": ({"drives": np.zeros((2, 64))}, "(k, 320)"),
+    "few.npz": ({"drives": np.zeros((2, 64))}, "is for 64 transducers, but the device has 320"),
 }
 
 
@@ -239,3 +239,22 @@ def test_a_truncated_recording_is_played_to_its_last_whole_frame(files: Path, ph
     ended = phasewire("record", "cut.frames", "-o", "copy.frames")
     assert (ended.code, "18 frames" in ended.out) == (0, True)
     assert "warning: cut.frames was cut off; it is used up to its last whole frame, 18 in all" in ended.err
+
+
+# Arrays of a file
+
+
+def test_an_array_of_a_file_is_solved_for(phasewire: Run, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text("[[panel]]\ncolumns = 16\nrows = 20\npitch_mm = 12\n")
+    assert phasewire("record", "circle", "--array", "rig.toml", "--seconds", "0.002", "-o", "a.frames").code == 0
+    with Recording.open(tmp_path / "a.frames") as recording:
+        np.testing.assert_allclose(recording.array.positions, TransducerArray.grid(16, 20, 0.012).positions)
+    assert phasewire("stream", "circle", "--array", "rig.toml", *QUICK).code == 0
+
+
+@pytest.mark.parametrize("command", ["stream", "play"])
+def test_an_array_that_does_not_fit_the_device_is_refused(phasewire: Run, tmp_path: Path, command: str) -> None:
+    (tmp_path / "one.csv").write_text("0,0,0\n")
+    outcome = phasewire(command, "circle", "--array", "one.csv")
+    assert outcome.code == 2
+    assert "--array has 1 transducers, but the device has 320" in " ".join(outcome.err.split())

@@ -41,6 +41,8 @@ def test_points_are_read(
         ("p.csv", "x,y,z\n", "there are no control points in it"),
         ("p.csv", "0,0,0.2\n0,0,0.2,1\n", "line 2 has 4 numbers, but the lines before it have 3"),
         ("p.csv", "0,0,0.2\n0,0,nan\n", "control point 1 is .*nan"),
+        ("p.csv", "0,02;0;0,2\n", "line 1: .*write commas between the numbers, not semicolons"),
+        ("p.csv", "x_mm,y_mm,z_mm\n0,0,200\n", "the column 'x_mm' is in mm; coordinates must be in metres"),
         ("p.csv", "0,0,0.2,-1\n", "amplitude -1.0 of control point 0"),
         ("p.json", "{", "Expecting property name"),
         ("p.json", "[[0, 0, 0.2]]", 'it must be an object with "positions"'),
