@@ -2,23 +2,68 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .storage import FilePath, replacing
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["COLUMN", "FORMATS", "LANDSCAPE", "check_picture_path", "new_figure", "printed", "save_figure"]
+__all__ = [
+    "COLUMN",
+    "FORMATS",
+    "LANDSCAPE",
+    "MM",
+    "Drawable",
+    "axes_or_new",
+    "check_picture_path",
+    "new_figure",
+    "printed",
+    "save_figure",
+]
 
 FORMATS = (".png", ".svg", ".pdf")
 COLUMN, LANDSCAPE = 7.1, 10.5
 """Widths in inches between the margins of A4 paper, upright and turned."""
 FONT_POINTS = 8.5
 DOTS_PER_INCH = 150
+NOTEBOOK = (5.6, 4.4)
+"""Width and height in inches of a picture that is made by itself."""
+MM = 1e3
+"""Millimetres in a metre: axes are in millimetres."""
+
+
+class Drawable(ABC):
+    """Something with a picture: `plot` draws it onto axes, and a notebook shows it."""
+
+    @abstractmethod
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw it onto matplotlib axes, by default onto those of a new figure of pyplot, and return them."""
+
+    def _repr_png_(self) -> bytes:
+        figure = new_figure(NOTEBOOK[1], NOTEBOOK[0])
+        data = BytesIO()
+        with printed():
+            self.plot(figure.subplots())
+            figure.savefig(data, format="png", dpi=DOTS_PER_INCH * 2 // 3)
+        return data.getvalue()
+
+
+def axes_or_new(ax: Axes | None) -> Axes:
+    """The given axes, or those of a new figure of pyplot; pyplot is not touched otherwise."""
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot
+
+    with printed():
+        axes: Axes = pyplot.subplots(figsize=NOTEBOOK, layout="constrained")[1]
+    return axes
 
 
 @contextmanager

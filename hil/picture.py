@@ -10,7 +10,6 @@ from ..pictures import LANDSCAPE, new_figure, printed, save_figure
 from ..protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ..protocol.wiring import Pin
 from ..solver import PlaneField
-from ..solver.pictures.picture import draw_array, draw_field
 from ..storage import FilePath
 from .end_to_end import EndToEnd
 
@@ -51,8 +50,8 @@ def save_end_to_end_picture(path: FilePath, run: EndToEnd, field: PlaneField, he
     """Write the picture in the format of the path's suffix."""
     figure = new_figure(7.6, LANDSCAPE)
     axes = figure.subplot_mosaic([["field", "array"], ["waves", "waves"]], height_ratios=[1.35, 1])
-    draw_field(axes["field"], field, run.solution.points)
-    draw_array(axes["array"], run.solution.array, run.rebuilt)
+    field.plot(axes["field"], points=run.solution.points)
+    run.solution.array.plot(axes["array"], drive=run.rebuilt)
     axes["array"].set_title("Drive rebuilt from the bits (area: magnitude)")
     draw_waves(axes["waves"], run)
     figure.suptitle(headline)

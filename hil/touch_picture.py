@@ -14,7 +14,6 @@ from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
 from ..solver.contact.touch import Touch
 from ..solver.fields.grid import Grid
-from ..solver.pictures.picture import draw_field
 from ..storage import FilePath
 
 if TYPE_CHECKING:
@@ -227,7 +226,7 @@ def _draw_plane(
     assert touch.points is not None
     fields = np.stack([sample_cut(array, drive, grid).pressure for drive in emitted.weights @ emitted.drives])
     largest = np.take_along_axis(fields, np.abs(fields).argmax(axis=0)[None], axis=0)[0]
-    draw_field(axes, PlaneField(grid, largest, Medium()))
+    PlaneField(grid, largest, Medium()).plot(axes)
     shift = np.array([grid.coordinates(axis)[1][0] - grid.offsets(axis)[0] for axis in (0, 1)])
 
     def flat(places: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...pictures import MM, Drawable, axes_or_new
 from ..geometry import Movable, Scalar, as_points, extent, frozen
 from .transducer import Transducer
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["TransducerArray"]
 
@@ -21,7 +26,7 @@ LEAST = 1e-6  # gain, or limit, that is not 0
 
 
 @dataclass(frozen=True, eq=False)
-class TransducerArray(Movable["TransducerArray"]):
+class TransducerArray(Movable["TransducerArray"], Drawable):
     """Transducers in space; z is up, away from a flat array.
 
     Parameters
@@ -131,6 +136,48 @@ class TransducerArray(Movable["TransducerArray"]):
         grid_x, grid_y = np.meshgrid(x, y)
         positions = np.stack([grid_x.ravel(), grid_y.ravel(), np.zeros(columns * rows)], axis=1)
         return cls(positions, np.tile([0.0, 0.0, 1.0], (columns * rows, 1)), transducer)
+
+    def plot(self, ax: Axes | None = None, *, drive: ArrayLike | None = None) -> Axes:
+        """Draw it as seen from above.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            To draw onto; by default those of a new figure of pyplot.
+        drive : (n,) complex, optional
+            Drives: the colour of a dot is the phase, its area the magnitude. Without them, dots without filling are
+            transducers that cannot sound.
+
+        Raises
+        ------
+        ValueError
+            If the drives are not as many as the transducers.
+        """
+        axes = axes_or_new(ax)
+        x, y = (self.positions[:, :2] * MM).T
+        axes.set(title="The array" if drive is None else "Drive of the array", xlabel="x / mm", ylabel="y / mm")
+        axes.set_aspect("equal")
+        if drive is None:
+            axes.scatter(x, y, s=40, c=np.where(self.able, "0.7", "none"), edgecolors="0.4", linewidths=0.5)
+            return axes
+        drives = np.asarray(drive, dtype=np.complex128)
+        if drives.shape != (len(self),):
+            raise ValueError(f"drives have the shape {drives.shape}, but there are {len(self)} transducers")
+        dots = axes.scatter(
+            x,
+            y,
+            s=4 + 66 * np.abs(drives),
+            c=np.degrees(np.angle(drives)),
+            cmap="twilight_shifted",
+            vmin=-180,
+            vmax=180,
+            edgecolors="0.5",
+            linewidths=0.5,
+        )
+        axes.figure.colorbar(
+            dots, ax=axes, label="phase / degrees", ticks=range(-180, 181, 90), fraction=0.046, pad=0.03
+        )
+        return axes
 
     def calibrated(self, response: ArrayLike, limits: ArrayLike | None = None) -> TransducerArray:
         """The same array with measured responses, and limits, (n,) each."""

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...pictures import Drawable, axes_or_new
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.propagation import pressure
 from ..geometry import frozen
+from ..shapes.points import ControlPoints
+from .drawing import draw_plane
 from .grid import Grid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["Field", "PlaneField", "VolumeField", "sample_cut", "sample_plane", "sample_volume"]
 
@@ -81,8 +88,39 @@ class Field:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PlaneField(Field):
+class PlaneField(Field, Drawable):
     """Pressure over a plane, (rows, columns) complex: rows along the plane's second axis, columns along its first."""
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        points: ControlPoints | None = None,
+        quantity: str = "pressure",
+        largest: float | None = None,
+    ) -> Axes:
+        """Draw it; the colour bar has the quantity's unit, and dB relative to its end.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            To draw onto; by default those of a new figure of pyplot.
+        points : ControlPoints, optional
+            Those in the plane are marked.
+        quantity : str
+            A key of `QUANTITIES`.
+        largest : float, optional
+            End of the colour bar, in the quantity's unit: the same for pictures to be compared. By default the largest
+            sample.
+
+        Raises
+        ------
+        ValueError
+            If the quantity is unknown.
+        """
+        axes = axes_or_new(ax)
+        draw_plane(axes, self.grid, self.pressure, self.medium, points, quantity, largest)
+        return axes
 
     def __post_init__(self) -> None:
         """Check the shape."""
@@ -91,8 +129,19 @@ class PlaneField(Field):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class VolumeField(Field):
+class VolumeField(Field, Drawable):
     """Pressure over a box, (layers, rows, columns) complex: layers along its third axis, columns along its first."""
+
+    def strongest_plane(self) -> PlaneField:
+        """The layer with the largest |p|."""
+        layer = int(np.abs(self.pressure).max(axis=(1, 2)).argmax())
+        centre = self.grid.centre + self.grid.offsets(2)[layer] * self.grid.axes[2]
+        grid = Grid(centre, self.grid.axes[:2], self.grid.counts[:2], self.grid.step)
+        return PlaneField(grid, self.pressure[layer], self.medium)
+
+    def plot(self, ax: Axes | None = None, *, quantity: str = "pressure", largest: float | None = None) -> Axes:
+        """Draw its `strongest_plane`; parameters and errors are those of `PlaneField.plot`."""
+        return self.strongest_plane().plot(ax, quantity=quantity, largest=largest)
 
     def __post_init__(self) -> None:
         """Check the shape."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...pictures import Drawable
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.propagation import Precision
@@ -23,6 +24,9 @@ from .methods import METHODS, options_of
 from .options import LEAST_MU, Options
 from .reference_engine import Engine, ReferenceEngine
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 __all__ = ["Solution", "Solver", "Wanted", "control_points", "solve", "solve_frames"]
 
 MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays
@@ -32,7 +36,7 @@ Wanted: TypeAlias = ControlPoints | Shape | ArrayLike
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Drawable):
     """What a solver found.
 
     Parameters
@@ -51,6 +55,10 @@ class Solution:
 
     def __repr__(self) -> str:
         return f"Solution({self.method}, {len(self.drive)} drives for {len(self.points)} points)"
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the drives: the colour of a dot is the phase, its area the magnitude."""
+        return self.array.plot(ax, drive=self.drive)
 
 
 class Solver:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...pictures import MM, Drawable, axes_or_new
 from ..acoustics.array import TransducerArray
 from ..geometry import Scalable, as_points, extent, frozen, place
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["MAX_POINTS", "REACH", "ControlPoints", "check_reachable", "reachable"]
 
@@ -23,7 +27,7 @@ paper's array works best from 0.15 to 0.5 m."""
 
 
 @dataclass(frozen=True, eq=False)
-class ControlPoints(Scalable["ControlPoints"]):
+class ControlPoints(Scalable["ControlPoints"], Drawable):
     """Points and how strong the field should be at each, relative to the others.
 
     Parameters
@@ -88,6 +92,24 @@ class ControlPoints(Scalable["ControlPoints"]):
     def placed(self, matrix: NDArray[np.float64], offset: NDArray[np.float64]) -> ControlPoints:
         """The points x at ``matrix @ x + offset``, with their amplitudes; `moved`, `rotated` and `scaled` use it."""
         return ControlPoints(self.positions @ matrix.T + offset, self.amplitudes)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw them along the two axes on which they extend most; the area shows the amplitude, and a cross is a null."""
+        axes = axes_or_new(ax)
+        across, up = np.sort(np.argsort(-np.ptp(self.positions, axis=0), kind="stable")[:2])
+        places, nulls = self.positions[:, [across, up]] * MM, self.amplitudes == 0
+        axes.scatter(*places[~nulls].T, s=40 * self.amplitudes[~nulls] / self.amplitudes.max())
+        axes.scatter(*places[nulls].T, marker="x")
+        left = 3 - across - up
+        low, high = self.positions[:, left].min() * MM + 0.0, self.positions[:, left].max() * MM + 0.0
+        where = f"{low:.4g} mm" if high - low < 0.1 else f"{low:.4g} to {high:.4g} mm"
+        axes.set(
+            title=f"{len(self)} control points at {'xyz'[left]} = {where}",
+            xlabel=f"{'xyz'[across]} / mm",
+            ylabel=f"{'xyz'[up]} / mm",
+        )
+        axes.set_aspect("equal", adjustable="datalim")
+        return axes
 
     def part(self, of: NDArray[np.bool_]) -> ControlPoints:
         """The points of a mask (m,); at least one of them must not be a null."""

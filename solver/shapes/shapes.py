@@ -12,17 +12,21 @@ from dataclasses import dataclass
 from functools import cached_property, reduce
 from numbers import Integral
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputFileError
+from ...pictures import Drawable
 from ..geometry import Scalable, as_points
 from .curves import SPACING, Curve, chain, even_spacing, ring, sample_curves, without_coincidences
 from .notation import READERS, check, read_parameters, written
 from .point_files import POINT_FILES, read_points
 from .points import MAX_POINTS, ControlPoints
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = [
     "SHAPES",
@@ -78,7 +82,7 @@ class Strokes:
         return Strokes(tuple(curve.placed(matrix, offset) for curve in self.curves), self.count)
 
 
-class Drawn(Scalable["Drawing"]):
+class Drawn(Scalable["Drawing"], Drawable):
     """A shape that is drawn as curves.
 
     A copy in another place is a `Drawing`, and so is a sum with other shapes or control points.
@@ -91,6 +95,10 @@ class Drawn(Scalable["Drawing"]):
     """
 
     count: ClassVar[int | None] = None
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw its control points, as `ControlPoints.plot` does."""
+        return self.sample().plot(ax)
 
     @abstractmethod
     def curves(self) -> tuple[Curve, ...]:

@@ -10,12 +10,11 @@ from matplotlib.patches import StepPatch
 from phasewire import ControlPoints, Emulator, Solution, sample_plane
 from phasewire.hil import run_end_to_end
 from phasewire.hil.picture import WAVES, draw_waves, save_end_to_end_picture
-from phasewire.solver.pictures.picture import draw_array, draw_field
 
 
 def test_the_array_is_drawn_in_millimetres_and_degrees(sphere_solution: Solution) -> None:
     axes = Figure().subplots()
-    draw_array(axes, sphere_solution.array, sphere_solution.drive)
+    sphere_solution.plot(axes)
     (dots,) = axes.collections
     assert isinstance(dots, PathCollection)
     np.testing.assert_allclose(np.asarray(dots.get_offsets()), sphere_solution.array.positions[:, :2] * 1000)
@@ -27,7 +26,7 @@ def test_the_field_is_drawn_in_pascals_with_the_points_of_its_plane(sphere_solut
     plane = sample_plane(sphere_solution.array, sphere_solution.drive, 0.2, extent=0.1, step=0.01)
     points = ControlPoints([[0.01, 0.02, 0.2], [0.01, 0.02, 0.3]])
     axes = Figure().subplots()
-    draw_field(axes, plane, points)
+    plane.plot(axes, points=points)
     (image,) = axes.images
     np.testing.assert_allclose(np.asarray(image.get_array()), np.abs(plane.pressure))
     assert image.get_extent() == pytest.approx((-55, 55, -55, 55))

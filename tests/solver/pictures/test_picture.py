@@ -11,7 +11,7 @@ from phasewire import ControlPoints, Medium, TransducerArray
 from phasewire.solver.fields.field import PlaneField, sample_cut
 from phasewire.solver.fields.grid import Grid
 from phasewire.solver.fields.quantities import intensity
-from phasewire.solver.pictures.picture import _lit, draw_field, draw_oil, save_field_picture
+from phasewire.solver.pictures.picture import _lit, draw_oil, save_field_picture
 
 SMALL = TransducerArray.grid(4, 3)
 LYING = Grid.along("xy", (0, 0.01, 0.1), [0.06, 0.04], 5e-3)
@@ -25,7 +25,7 @@ def field_over(grid: Grid) -> PlaneField:
 
 def drawn(grid: Grid, points: ControlPoints | None = None, quantity: str = "pressure") -> Axes:
     axes: Axes = Figure().subplots()
-    draw_field(axes, field_over(grid), points, quantity)
+    field_over(grid).plot(axes, points=points, quantity=quantity)
     return axes
 
 
@@ -82,7 +82,7 @@ def test_the_bar_has_decibels_too(quantity: str, half: float) -> None:
 
 def test_silence_can_be_drawn() -> None:
     silent = PlaneField(LYING, np.zeros(LYING.shape, complex), Medium())
-    draw_field(Figure().subplots(), silent)
+    silent.plot(Figure().subplots())
     draw_oil(Figure().subplots(), silent)
 
 
