@@ -58,6 +58,7 @@ from .solver import TransducerArray as TransducerArray
 from .solver import TwoSided as TwoSided
 from .solver import TwoSidedSolver as TwoSidedSolver
 from .solver import VolumeField as VolumeField
+from .solver import compare_fields as compare_fields
 from .solver import focus_report as focus_report
 from .solver import intensity as intensity
 from .solver import load_field as load_field

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..pictures import LANDSCAPE, new_figure, printed, save_figure
-from ..protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
-from ..protocol.wiring import Pin
+from ..protocol.board import TICKS_PER_PERIOD
 from ..solver import PlaneField
 from ..storage import FilePath
 from .end_to_end import EndToEnd
@@ -18,31 +15,16 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_waves", "save_end_to_end_picture"]
 
-WAVES = 8
-MICROSECONDS_PER_TICK = 1e6 / TICK_HZ
-
 
 def draw_waves(axes: Axes, run: EndToEnd) -> None:
     """Draw some outputs, spread over the chain, from one period before they began to play to two after."""
     boundary = run.ack.commit_period * TICKS_PER_PERIOD
-    first, last = boundary - TICKS_PER_PERIOD, boundary + 2 * TICKS_PER_PERIOD
-    time = (np.arange(first, last + 1) - boundary) * MICROSECONDS_PER_TICK
-    bits = run.capture.channels(first, last)
-    labels = []
-    for row, channel in enumerate(np.linspace(0, CHANNELS - 1, WAVES).astype(int)):
-        level = WAVES - 1 - row
-        axes.stairs(level + 0.7 * bits[:, channel], time, baseline=level, fill=True, alpha=0.85, color=f"C{row}")
-        pin = Pin.of(int(channel))
-        labels.append(f"board {pin.board} processor {pin.processor} bit {pin.bit:2}")
+    run.capture.plot(axes, start=boundary - TICKS_PER_PERIOD, stop=boundary + 2 * TICKS_PER_PERIOD, zero=boundary)
     axes.axvline(0, color="0.3", linewidth=1, linestyle="--")
     axes.set(
         title=f"Square waves at 2 MHz, around the promised boundary of period {run.ack.commit_period}",
         xlabel="time since the boundary / µs",
-        xlim=(time[0], time[-1]),
-        yticks=[WAVES - 1 - row + 0.35 for row in range(WAVES)],
-        yticklabels=labels,
     )
-    axes.tick_params(axis="y", length=0)
 
 
 @printed()

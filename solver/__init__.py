@@ -42,7 +42,7 @@ from .methods.split import Split, split
 from .methods.two_sided import Gain, TwoSided, TwoSidedSolver, two_sided
 from .objects.mesh_files import read_mesh
 from .objects.volumes import read_volume_mesh
-from .pictures.picture import save_field_picture
+from .pictures.picture import compare_fields, save_field_picture
 from .pictures.vti import save_vti
 from .shapes.point_files import read_points
 from .shapes.points import ControlPoints
@@ -95,6 +95,7 @@ __all__ = [
     "TwoSidedSolver",
     "VolumeField",
     "air_density",
+    "compare_fields",
     "focus_report",
     "intensity",
     "intensity_component",

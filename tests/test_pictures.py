@@ -11,7 +11,22 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from phasewire import ControlPoints, Emulator, Hand, Mesh, TransducerArray, sample_plane, solve, touch
+from phasewire import (
+    Capture,
+    ControlPoints,
+    Emulator,
+    Grid,
+    Hand,
+    Mesh,
+    PlaneField,
+    TransducerArray,
+    compare_fields,
+    focus_report,
+    sample_plane,
+    sample_volume,
+    solve,
+    touch,
+)
 from phasewire.cli.budget import draw_budget
 from phasewire.emulator.timeline import draw_timeline, way_of_an_update
 from phasewire.hil.end_to_end import run_end_to_end
@@ -47,6 +62,20 @@ def field(quantity: str) -> None:
     save_field_picture(FILE, sample_plane(ARRAY, solve(ARRAY, points).drive, 0.2), points, quantity)
 
 
+def star(method: str) -> PlaneField:
+    return sample_plane(ARRAY, solve(ARRAY, Star(), method).drive, 0.2)
+
+
+def volume() -> Axes:
+    box = Grid.along("xyz", (0, 0, 0.2), 0.1, 5e-3)
+    return sample_volume(ARRAY, solve(ARRAY, Star()).drive, box).plot()
+
+
+def played() -> Capture:
+    with Emulator() as emulator:
+        return run_end_to_end(solve(ARRAY, [[0.02, 0, 0.2]]), emulator).capture
+
+
 def demo() -> None:
     with Emulator() as emulator:
         run = run_end_to_end(solve(ARRAY, ControlPoints([[0.02, 0, 0.2]])), emulator)
@@ -70,7 +99,16 @@ def figure_7() -> Figure:
 PICTURES: dict[str, tuple[Callable[[], object], float]] = {
     **{quantity: (partial(field, quantity), COLUMN) for quantity in (*QUANTITIES, OIL)},
     **{f"budget {name}": (partial(draw_budget, Budget.of(link)), COLUMN) for name, link in LINKS.items()},
+    "array": (lambda: ARRAY.plot(), COLUMN),
+    "capture": (lambda: played().plot(), COLUMN),
+    "comparison": (lambda: compare_fields({name: star(name) for name in ("wgs", "tikhonov")})[0], LANDSCAPE),
     "demo": (demo, LANDSCAPE),
+    "foci": (lambda: focus_report(ARRAY, solve(ARRAY, Star()).drive, Star()).plot(), COLUMN),
+    "halves": (lambda: two_sided(ARRAY, Star()).plot(), COLUMN),
+    "points": (lambda: (Star().sample() + ControlPoints([[0, 0, 0.2]], 0.5)).plot(), COLUMN),
+    "solution": (lambda: solve(ARRAY, Star()).plot(), COLUMN),
+    "spectrum": (lambda: played().plot_spectrum(), COLUMN),
+    "volume": (volume, COLUMN),
     "figure 4": (lambda: draw_figure_4(reproduce_figure_4()), COLUMN),
     "figure 6": (lambda: draw_figure_6(reproduce_figure_6()), COLUMN),
     "figure 6, oil": (lambda: draw_figure_6(reproduce_figure_6(), OIL), COLUMN),

@@ -6,30 +6,38 @@ Nothing is kept bit by bit: a capture holds segments, and expands the stretch th
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...pictures import Drawable, axes_or_new
 from ...protocol.board import (
     CHANNELS,
     CHANNELS_PER_PROCESSOR,
     HALF_TICKS_PER_PERIOD,
     MAX_WIDTH_TICKS,
     PROCESSORS,
+    TICK_HZ,
     TICKS_PER_PERIOD,
 )
 from ...protocol.pulses import MODULATED_WIDTH
-from ...protocol.wiring import Wiring
+from ...protocol.wiring import Pin, Wiring
 from .clock import BoardClock
 from .history import Segments
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["Capture", "Forced", "Track"]
 
 CHUNK_PERIODS = 1024  # 2 MB of bits
+DRAWN_PERIODS, DRAWN_OUTPUTS = 3, 8
+FLOOR_DB, MOST_KILOHERTZ = -80.0, 400.0  # of a drawn spectrum
+MICROSECONDS_PER_TICK = 1e6 / TICK_HZ
 ALL_HIGH = 2**CHANNELS_PER_PROCESSOR - 1
 
 
@@ -57,7 +65,7 @@ class Track(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Capture:
+class Capture(Drawable):
     """The outputs up to the moment of capture. Ticks count from period 0; ticks are 0.5 µs, periods 50 ticks.
 
     Parameters
@@ -101,6 +109,99 @@ class Capture:
             [track.clock.tick_of(own) for own in (track.segments.starts[1:] * TICKS_PER_PERIOD).tolist()]
             for track in self.tracks
         ]
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        start: int | None = None,
+        stop: int | None = None,
+        outputs: Sequence[int] | None = None,
+        zero: int | None = None,
+    ) -> Axes:
+        """Draw the square waves of some outputs.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            To draw onto; by default those of a new figure of pyplot.
+        start, stop : int, optional
+            Ticks since period 0, by default the last `DRAWN_PERIODS` that were captured.
+        outputs : sequence of int, optional
+            Output channels, from the top; by default `DRAWN_OUTPUTS` of them, spread over the chain.
+        zero : int, optional
+            The tick at which the time axis has its 0; ``start`` by default.
+
+        Raises
+        ------
+        ValueError
+            If the stretch was not captured.
+        """
+        last = self.end_tick if stop is None else stop
+        first = max(self.start_tick, last - DRAWN_PERIODS * TICKS_PER_PERIOD) if start is None else start
+        origin = first if zero is None else zero
+        drawn = np.linspace(0, CHANNELS - 1, DRAWN_OUTPUTS).astype(int).tolist() if outputs is None else outputs
+        bits = self.channels(first, last)
+        time = (np.arange(first, last + 1) - origin) * MICROSECONDS_PER_TICK
+        axes, top, labels = axes_or_new(ax), len(drawn) - 1, []
+        for row, channel in enumerate(drawn):
+            axes.stairs(
+                top - row + 0.7 * bits[:, channel],
+                time,
+                baseline=top - row,
+                fill=True,
+                alpha=0.85,
+                color=f"C{row % 10}",
+            )
+            pin = Pin.of(channel)
+            labels.append(f"board {pin.board} processor {pin.processor} bit {pin.bit:2}")
+        axes.set(
+            title="Square waves at 2 MHz",
+            xlabel=f"time since tick {origin} / µs",
+            xlim=(time[0], time[-1]),
+            yticks=[top - row + 0.35 for row in range(len(drawn))],
+            yticklabels=labels,
+        )
+        axes.tick_params(axis="y", length=0)
+        return axes
+
+    def plot_spectrum(self, ax: Axes | None = None, *, output: int = 0, periods: int = 400) -> Axes:
+        """Draw the spectrum of an output, in dB relative to the fundamental of full drive, 2/π of the supply.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            To draw onto; by default those of a new figure of pyplot.
+        output : int
+            The output channel.
+        periods : int
+            The last so many carrier periods are taken, or as many as were captured: 400 resolve 100 Hz.
+
+        Raises
+        ------
+        ValueError
+            If there is no such output, or no whole period was captured.
+        """
+        if not 0 <= output < CHANNELS:
+            raise ValueError(f"output {output} must be from 0 to {CHANNELS - 1}")
+        count = min(periods, (self.end_tick - self.start_tick) // TICKS_PER_PERIOD)
+        if count < 1:
+            raise ValueError(f"{self} holds no {'whole period' if periods > 0 else f'{periods} periods'} to draw")
+        ticks = count * TICKS_PER_PERIOD
+        bits = self.channels(self.end_tick - ticks, self.end_tick)[:, output]
+        amplitudes = 2 * np.abs(np.fft.rfft(bits)[1:]) / ticks
+        levels = 20 * np.log10(np.maximum(amplitudes * np.pi / 2, 10 ** (FLOOR_DB / 20)))
+        kilohertz = np.fft.rfftfreq(ticks, 1e3 / TICK_HZ)[1:]
+        axes = axes_or_new(ax)
+        axes.vlines(kilohertz, FLOOR_DB, levels, linewidth=1)
+        axes.set(
+            title=f"Spectrum of output {output}",
+            xlabel="frequency / kHz",
+            ylabel="dB re full drive",
+            xlim=(0, MOST_KILOHERTZ),
+            ylim=(FLOOR_DB, 5),
+        )
+        return axes
 
     def bits(self, start: int, stop: int) -> NDArray[np.uint32]:
         """The port words of a stretch of time.

@@ -12,11 +12,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...pictures import Drawable, axes_or_new
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.propagation import pressure, transfer_matrix
@@ -26,6 +27,9 @@ from ..shapes.points import ControlPoints, check_reachable
 from .field import MAX_PAIRS, PlaneField, VolumeField, sample_cut, sample_volume
 from .grid import MAX_SAMPLES, Grid
 from .quantities import relative_level
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["GHOST", "MISSING", "Focus", "FocusReport", "Lobe", "Null", "focus_report"]
 
@@ -116,7 +120,7 @@ class Lobe:
 
 
 @dataclass(frozen=True)
-class FocusReport:
+class FocusReport(Drawable):
     """What became of all points.
 
     Parameters
@@ -145,6 +149,26 @@ class FocusReport:
     def __repr__(self) -> str:
         found = f"{len(self.missing)} missing, {len(self.ghosts)} ghosts"
         return f"FocusReport({len(self.foci)} foci of {self.mean:.0f} Pa, spread {self.spread:.1%}, {found})"
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw |p| at each point, relative to its wanted amplitude, and the mean."""
+        axes = axes_or_new(ax)
+        for label, colour, foci in (
+            ("present", "C0", [focus for focus in self.foci if not focus.missing]),
+            ("missing", "C3", self.missing),
+        ):
+            if foci:
+                relative = [focus.pressure / focus.amplitude for focus in foci]
+                axes.bar([focus.index for focus in foci], relative, color=colour, label=label)
+        axes.axhline(self.mean, color="0.3", linestyle="--", linewidth=1, label="mean |p|")
+        axes.set(
+            title=f"{len(self.foci)} foci, spread {self.spread:.1%}",
+            xlabel="control point",
+            ylabel="|p| / amplitude / Pa",
+        )
+        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.legend(loc="lower right")
+        return axes
 
     @property
     def missing(self) -> tuple[Focus, ...]:

@@ -9,11 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...pictures import Drawable
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.propagation import Precision, pressure
@@ -25,6 +26,9 @@ from .options import Options
 from .paired import EnginePair, Pair, PairEngine
 from .solve import Solution, Wanted, check_size, checked_ids, control_points, engine_for, has_kernels, solve
 from .split import Split
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["Gain", "TwoSided", "TwoSidedSolver", "pair_engine", "two_sided"]
 
@@ -60,7 +64,7 @@ class Gain:
 
 
 @dataclass(frozen=True, eq=False)
-class TwoSided:
+class TwoSided(Drawable):
     """Two fields in turn, and what they were solved for.
 
     Parameters
@@ -84,6 +88,10 @@ class TwoSided:
 
     def __repr__(self) -> str:
         return f"TwoSided({self.method}, {self.split}, {self.frequency:g} Hz)"
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the points, each half in its colour; nulls, which are in both, are in the second."""
+        return self.points.plot(ax, second=~self.split.mask)
 
     @property
     def split(self) -> Split:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...pictures import MM, save_figure
+from ...pictures import LANDSCAPE, MM, printed, save_figure
 from ...storage import FilePath
 from ..fields.drawing import edges, finish
 from ..fields.field import PlaneField
 from ..fields.oil import Oil, oil_surface
+from ..fields.quantities import QUANTITIES
 from ..methods.solve import Wanted, control_points
 from ..shapes.points import ControlPoints
 
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
 
-__all__ = ["OIL", "draw_oil", "save_field_picture"]
+__all__ = ["OIL", "compare_fields", "draw_oil", "save_field_picture"]
 
 OIL = "oil"  # what `save_field_picture` can draw beside QUANTITIES
 STEEPEST = 0.9  # slope as which the steepest one of an oil surface is drawn
@@ -72,6 +74,50 @@ def _oil_colours() -> Colormap:
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("oil", ["#1c1206", "#8a5a14", "#d9a33a", "#ffe9b0", "#fffdf4"])
+
+
+def compare_fields(
+    fields: Mapping[str, PlaneField], points: Wanted | None = None, quantity: str = "pressure"
+) -> NDArray[Any]:
+    """Draw fields side by side in a new figure of pyplot, all on one scale.
+
+    Parameters
+    ----------
+    fields : mapping of str to PlaneField
+        At least one, by the name of each, such as that of a method.
+    points : ControlPoints, Shape or (m, 3) float, optional
+        Those in the planes are marked.
+    quantity : str
+        A key of `QUANTITIES`.
+
+    Returns
+    -------
+    (n,) matplotlib axes
+        In the order of the fields.
+
+    Raises
+    ------
+    ValueError
+        If there are no fields, or the quantity is unknown.
+    """
+    from matplotlib import pyplot
+
+    if not fields:
+        raise ValueError("there are no fields to compare; give at least one")
+    if quantity not in QUANTITIES:
+        raise ValueError(f"unknown quantity {quantity!r}; known are {', '.join(QUANTITIES)}")
+    marked = None if points is None else control_points(points)
+    what = QUANTITIES[quantity]
+    largest = max(float(what.of(field.pressure, field.medium).max()) for field in fields.values())
+    with printed():
+        figure, grid = pyplot.subplots(1, len(fields), figsize=(LANDSCAPE, 4), squeeze=False, layout="constrained")
+        for (name, field), axes in zip(fields.items(), grid[0], strict=True):
+            field.plot(axes, points=marked, quantity=quantity, largest=largest)
+            axes.set_title(name)
+            if axes is not grid[0, -1]:
+                axes.images[0].colorbar.remove()
+        figure.suptitle(f"{what.name}, one scale")
+    return np.asarray(grid[0])
 
 
 def save_field_picture(

@@ -25,6 +25,9 @@ REACH = 2.0
 """Distance in metres beyond which a control point is taken for a mistake, such as millimetres given as metres. The
 paper's array works best from 0.15 to 0.5 m."""
 
+LEVEL_MM = 0.1
+"""Points whose heights differ by less are drawn as if in one plane."""
+
 
 @dataclass(frozen=True, eq=False)
 class ControlPoints(Scalable["ControlPoints"], Drawable):
@@ -93,18 +96,32 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
         """The points x at ``matrix @ x + offset``, with their amplitudes; `moved`, `rotated` and `scaled` use it."""
         return ControlPoints(self.positions @ matrix.T + offset, self.amplitudes)
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw them along the two axes on which they extend most; the area shows the amplitude, and a cross is a null."""
+    def plot(self, ax: Axes | None = None, *, second: NDArray[np.bool_] | None = None) -> Axes:
+        """Draw them along the two axes on which they extend most; areas show amplitudes, and crosses are nulls.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            To draw onto; by default those of a new figure of pyplot.
+        second : (m,) bool, optional
+            Those to be drawn in a second colour.
+        """
         axes = axes_or_new(ax)
-        across, up = np.sort(np.argsort(-np.ptp(self.positions, axis=0), kind="stable")[:2])
-        places, nulls = self.positions[:, [across, up]] * MM, self.amplitudes == 0
-        axes.scatter(*places[~nulls].T, s=40 * self.amplitudes[~nulls] / self.amplitudes.max())
-        axes.scatter(*places[nulls].T, marker="x")
-        left = 3 - across - up
-        low, high = self.positions[:, left].min() * MM + 0.0, self.positions[:, left].max() * MM + 0.0
-        where = f"{low:.4g} mm" if high - low < 0.1 else f"{low:.4g} to {high:.4g} mm"
+        across, up = sorted(np.argsort(-np.ptp(self.positions, axis=0), kind="stable")[:2])
+        sizes = 40 * self.amplitudes / self.amplitudes.max()
+        later = np.zeros(len(self), np.bool_) if second is None else second
+        for colour, drawn in (("C0", ~later), ("C1", later)):
+            for marker, of in (("o", drawn & (self.amplitudes > 0)), ("x", drawn & (self.amplitudes == 0))):
+                if of.any():
+                    x, y = self.positions[of][:, [across, up]].T * MM
+                    axes.scatter(x, y, s=sizes[of] if marker == "o" else 40, c=colour, marker=marker)
+        rest = 3 - across - up
+        low, high = (
+            float(bound) * MM + 0.0 for bound in (self.positions[:, rest].min(), self.positions[:, rest].max())
+        )
+        where = f"{low:.4g} mm" if high - low < LEVEL_MM else f"{low:.4g} to {high:.4g} mm"
         axes.set(
-            title=f"{len(self)} control points at {'xyz'[left]} = {where}",
+            title=f"{len(self)} control points at {'xyz'[rest]} = {where}",
             xlabel=f"{'xyz'[across]} / mm",
             ylabel=f"{'xyz'[up]} / mm",
         )

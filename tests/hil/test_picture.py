@@ -8,8 +8,9 @@ from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
 from phasewire import ControlPoints, Emulator, Solution, sample_plane
+from phasewire.emulator.ports.capture import DRAWN_OUTPUTS
 from phasewire.hil import run_end_to_end
-from phasewire.hil.picture import WAVES, draw_waves, save_end_to_end_picture
+from phasewire.hil.picture import draw_waves, save_end_to_end_picture
 
 
 def test_the_array_is_drawn_in_millimetres_and_degrees(sphere_solution: Solution) -> None:
@@ -38,7 +39,7 @@ def test_the_waves_are_the_captured_bits_in_microseconds(sphere_solution: Soluti
     run = run_end_to_end(sphere_solution, emulator)
     axes = Figure().subplots()
     draw_waves(axes, run)
-    assert len(axes.patches) == WAVES
+    assert len(axes.patches) == DRAWN_OUTPUTS
     first = run.ack.commit_period * 50
     topmost = axes.patches[0]
     assert isinstance(topmost, StepPatch)
