@@ -166,7 +166,7 @@ class FocusReport(Drawable):
             xlabel="control point",
             ylabel="|p| / amplitude / Pa",
         )
-        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.locator_params(axis="x", integer=True)
         axes.legend(loc="lower right")
         return axes
 
