@@ -47,8 +47,9 @@ class Drawable(ABC):
         """Draw it onto matplotlib axes, by default onto those of a new figure of pyplot, and return them."""
 
     def _repr_png_(self) -> bytes:
-        figure = new_figure(NOTEBOOK[1], NOTEBOOK[0])
-        data = BytesIO()
+        from matplotlib.figure import Figure
+
+        figure, data = Figure(figsize=NOTEBOOK, layout="compressed"), BytesIO()
         with printed():
             self.plot(figure.subplots())
             figure.savefig(data, format="png", dpi=DOTS_PER_INCH * 2 // 3)
@@ -56,13 +57,12 @@ class Drawable(ABC):
 
 
 def axes_or_new(ax: Axes | None) -> Axes:
-    """The given axes, or those of a new figure of pyplot; pyplot is not touched otherwise."""
+    """The given axes, or those of a new figure of pyplot in its user's style; pyplot is not touched otherwise."""
     if ax is not None:
         return ax
     from matplotlib import pyplot
 
-    with printed():
-        axes: Axes = pyplot.subplots(figsize=NOTEBOOK, layout="constrained")[1]
+    axes: Axes = pyplot.subplots(figsize=NOTEBOOK, layout="compressed")[1]
     return axes
 
 

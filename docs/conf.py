@@ -15,11 +15,11 @@ from sphinx.application import Sphinx
 
 project = "phasewire"
 version = release = __version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 
 # The sources are the repository's own documents, so that their links lead to the same places here and there.
 root_doc = "docs/index"
-include_patterns = ["docs/**.md", "*.md", "protocol/SPEC.md", "examples/README.md"]
+include_patterns = ["docs/**.md", "docs/tutorial/tour.ipynb", "*.md", "protocol/SPEC.md", "examples/README.md"]
 exclude_patterns = [
     ".venv",
     ".peers",
@@ -35,6 +35,7 @@ exclude_patterns = [
 ]
 
 myst_heading_anchors = 4
+nb_execution_mode = "off"  # its pictures are stored; a test executes it
 suppress_warnings = [
     "ref.python",  # words such as "periods" in types of docstrings, which are the names of several properties
     "misc.highlighting_failure",  # blocks of hex and of mermaid, which stay as they are

@@ -8,12 +8,16 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from copy import deepcopy
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+import nbformat
 import pytest
 import typer
 import yaml
+from nbclient import NotebookClient
 from phasewire.__main__ import main
 from phasewire.cli.commands import command_line
 from phasewire.cli.settings import each_command
@@ -172,3 +176,15 @@ def test_examples_are_short_and_run(example: Path, tmp_path: Path) -> None:
         [sys.executable, str(example)], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
     )
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@pytest.mark.slow
+def test_the_tour_runs_and_shows_what_it_shows() -> None:
+    """`jupyter execute --inplace docs/tutorial/tour.ipynb` stores them."""
+    reader: Any = nbformat  # which has no annotations
+    stored = reader.read(ROOT / "docs/tutorial/tour.ipynb", as_version=4)
+    fresh = NotebookClient(deepcopy(stored), timeout=300, kernel_name="python3").execute()
+    for before, after in zip(stored.cells, fresh.cells, strict=True):
+        for one, other in zip(before.get("outputs", []), after.get("outputs", []), strict=True):
+            assert set(one.get("data", {})) == set(other.get("data", {}))
+            assert one.get("data", {}).get("text/plain") == other.get("data", {}).get("text/plain")

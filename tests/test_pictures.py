@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from phasewire import (
@@ -105,6 +106,7 @@ PICTURES: dict[str, tuple[Callable[[], object], float]] = {
     "demo": (demo, LANDSCAPE),
     "foci": (lambda: focus_report(ARRAY, solve(ARRAY, Star()).drive, Star()).plot(), COLUMN),
     "halves": (lambda: two_sided(ARRAY, Star()).plot(), COLUMN),
+    "plane": (lambda: star("wgs").plot(), COLUMN),
     "points": (lambda: (Star().sample() + ControlPoints([[0, 0, 0.2]], 0.5)).plot(), COLUMN),
     "solution": (lambda: solve(ARRAY, Star()).plot(), COLUMN),
     "spectrum": (lambda: played().plot_spectrum(), COLUMN),
@@ -135,9 +137,34 @@ def test_a_picture_can_be_read(name: str, tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(Figure, "savefig", save)
     make, width = PICTURES[name]
     made = make()
+    pyplot.close("all")
     figure = made.figure if isinstance(made, Axes) else made if isinstance(made, Figure) else saved[0]
     assert isinstance(figure, Figure)
     assert faults_of(figure, width) == []
+
+
+def test_a_notebook_shows_a_picture_without_pyplot() -> None:
+    for shown in (ARRAY, Star(), star("wgs")):
+        assert shown._repr_png_().startswith(PNG)
+    assert pyplot.get_fignums() == []
+
+
+def test_what_is_plotted_lands_on_the_axes_that_are_given() -> None:
+    axes = Figure().subplots()
+    assert ARRAY.plot(axes) is axes
+    assert pyplot.get_fignums() == []
+    ARRAY.plot()
+    assert len(pyplot.get_fignums()) == 1
+    pyplot.close("all")
+
+
+def test_fields_are_compared_on_one_scale() -> None:
+    fields = {name: star(name) for name in ("wgs", "tikhonov")}
+    left, right = compare_fields(fields)
+    pyplot.close("all")
+    loudest = max(np.abs(field.pressure).max() for field in fields.values())
+    assert left.images[0].get_clim() == right.images[0].get_clim() == pytest.approx((0, loudest))
+    assert (left.get_title(), right.get_title()) == ("wgs", "tikhonov")
 
 
 def test_the_judge_finds_faults() -> None:

@@ -36,6 +36,7 @@ __all__ = ["Capture", "Forced", "Track"]
 
 CHUNK_PERIODS = 1024  # 2 MB of bits
 DRAWN_PERIODS, DRAWN_OUTPUTS = 3, 8
+MOST_PERIODS = 4000  # in the default spectrum: 0.1 s
 FLOOR_DB, MOST_KILOHERTZ = -80.0, 400.0  # of a drawn spectrum
 MICROSECONDS_PER_TICK = 1e6 / TICK_HZ
 ALL_HIGH = 2**CHANNELS_PER_PROCESSOR - 1
@@ -165,7 +166,7 @@ class Capture(Drawable):
         axes.tick_params(axis="y", length=0)
         return axes
 
-    def plot_spectrum(self, ax: Axes | None = None, *, output: int = 0, periods: int = 400) -> Axes:
+    def plot_spectrum(self, ax: Axes | None = None, *, output: int = 0, periods: int | None = None) -> Axes:
         """Draw the spectrum of an output, in dB relative to the fundamental of full drive, 2/π of the supply.
 
         Parameters
@@ -174,8 +175,9 @@ class Capture(Drawable):
             To draw onto; by default those of a new figure of pyplot.
         output : int
             The output channel.
-        periods : int
-            The last so many carrier periods are taken, or as many as were captured: 400 resolve 100 Hz.
+        periods : int, optional
+            The last so many carrier periods are taken, or as many as were captured; 400 resolve 100 Hz. By default
+            those since the output's processor began to play what it plays, at most `MOST_PERIODS`.
 
         Raises
         ------
@@ -184,9 +186,12 @@ class Capture(Drawable):
         """
         if not 0 <= output < CHANNELS:
             raise ValueError(f"output {output} must be from 0 to {CHANNELS - 1}")
+        if periods is None:
+            begun = max([self.start_tick, *self.latches[output // CHANNELS_PER_PROCESSOR]])
+            periods = min(MOST_PERIODS, (self.end_tick - begun) // TICKS_PER_PERIOD)
         count = min(periods, (self.end_tick - self.start_tick) // TICKS_PER_PERIOD)
         if count < 1:
-            raise ValueError(f"{self} holds no {'whole period' if periods > 0 else f'{periods} periods'} to draw")
+            raise ValueError(f"the spectrum of {count} periods cannot be drawn; at least 1 must be captured")
         ticks = count * TICKS_PER_PERIOD
         bits = self.channels(self.end_tick - ticks, self.end_tick)[:, output]
         amplitudes = 2 * np.abs(np.fft.rfft(bits)[1:]) / ticks

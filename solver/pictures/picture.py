@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...pictures import LANDSCAPE, MM, printed, save_figure
+from ...pictures import LANDSCAPE, MM, save_figure
 from ...storage import FilePath
 from ..fields.drawing import edges, finish
 from ..fields.field import PlaneField
@@ -109,14 +109,13 @@ def compare_fields(
     marked = None if points is None else control_points(points)
     what = QUANTITIES[quantity]
     largest = max(float(what.of(field.pressure, field.medium).max()) for field in fields.values())
-    with printed():
-        figure, grid = pyplot.subplots(1, len(fields), figsize=(LANDSCAPE, 4), squeeze=False, layout="constrained")
-        for (name, field), axes in zip(fields.items(), grid[0], strict=True):
-            field.plot(axes, points=marked, quantity=quantity, largest=largest)
-            axes.set_title(name)
-            if axes is not grid[0, -1]:
-                axes.images[0].colorbar.remove()
-        figure.suptitle(f"{what.name}, one scale")
+    figure, grid = pyplot.subplots(1, len(fields), figsize=(LANDSCAPE, 3.6), squeeze=False, layout="compressed")
+    for (name, field), axes in zip(fields.items(), grid[0], strict=True):
+        field.plot(axes, points=marked, quantity=quantity, largest=largest)
+        axes.set_title(name)
+        if axes is not grid[0, -1]:
+            axes.images[0].colorbar.remove()
+    figure.suptitle(f"{what.name}, one scale")
     return np.asarray(grid[0])
 
 

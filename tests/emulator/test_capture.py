@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 from phasewire import Emulator, Pulses, Wiring, open_device
 from phasewire.emulator.ports.capture import Capture, Forced, Track
 from phasewire.emulator.ports.clock import BoardClock
@@ -173,3 +175,19 @@ def test_a_transducer_that_is_not_connected_emits_nothing() -> None:
     others = np.delete(np.arange(320), [7, 300])
     assert np.array_equal(drives[:, others], whole.drives(0, 24)[:, others])
     assert np.array_equal(capture.bits(0, 1200), whole.bits(0, 1200))
+
+
+def test_the_spectrum_of_full_drive_is_that_of_a_square_wave(emulator: Emulator) -> None:
+    """Its odd harmonics are as 1/n, its even ones absent: Fourier's series of a wave that is on half of the time."""
+    with open_device(emulator.url) as device:
+        ack = device.show(Pulses(np.full(320, 25), np.full(320, 25)))
+        emulator.run_until(ack.commit_period + 40)
+        capture = emulator.capture()
+    (lines,) = capture.plot_spectrum(Figure().subplots(), output=3).collections
+    assert isinstance(lines, LineCollection)
+    tops = {round(float(path[1, 0])): float(path[1, 1]) for path in lines.get_segments()}
+    assert tops[40] == pytest.approx(0, abs=0.01)
+    assert tops[120] == pytest.approx(20 * np.log10(1 / 3), abs=0.1)  # a tick is not short beside its half wave
+    assert max(level for kilohertz, level in tops.items() if kilohertz % 40) == -80
+    with pytest.raises(ValueError, match="output 320 must be from 0 to 319"):
+        capture.plot_spectrum(output=320)

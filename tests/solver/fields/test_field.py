@@ -92,3 +92,13 @@ def test_a_grid_of_the_wrong_kind_is_refused() -> None:
 def test_a_cut_through_the_array_names_the_transducer(array: TransducerArray) -> None:
     with pytest.raises(ValueError, match=r"the model 'piston' needs at least 4\.50 mm"):
         sample_cut(array, np.ones(320), Grid.along("xz", (0, 5.15e-3, 0.02), 0.04, 1e-3))
+
+
+def test_the_strongest_plane_of_a_box_is_sampled_where_it_says() -> None:
+    array = TransducerArray.grid(4, 3)
+    drive = np.exp(1j * np.arange(12))
+    box = sample_volume(array, drive, Grid.along("xyz", (0, 0.01, 0.1), [0.04, 0.03, 0.05], 5e-3))
+    plane = box.strongest_plane()
+    assert plane.strongest()[0] == box.strongest()[0]
+    again = sample_cut(array, drive, plane.grid)
+    np.testing.assert_allclose(plane.pressure, again.pressure, atol=1e-3 * box.strongest()[0])
