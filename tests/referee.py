@@ -55,9 +55,13 @@ def replaces(later: Change, change: Change) -> bool:
 
 
 class Referee:
-    """Watches a device from its door, given its answers to INFO and WIRING."""
+    """Watches a device from its door, given its answers to INFO and WIRING.
 
-    def __init__(self, info: spec.Fields, wiring: Sequence[int]) -> None:
+    A device whose own times are longer than those of BUD-003 plans with them (BUD-001): it may be so many periods later.
+    """
+
+    def __init__(self, info: spec.Fields, wiring: Sequence[int], slack_periods: int = 0) -> None:
+        self.slack = slack_periods
         self.token = (4 if info["link_wires"] == 5 else 10) * info["cycles_per_symbol"]
         self.turn: int = info["periods_per_update"]
         self.capacity: int = info["queue_blocks"]
@@ -269,7 +273,8 @@ class Referee:
         after_update = last > self.settled() and self.changes[-1:] and self.changes[-1].tokens == UPDATE
         slices = max(cycle + SORT, begins * PERIOD - (HOPS + make if after_update else 0))
         commits = max(slices + SLICES * self.token, begins * PERIOD)
-        return Window(first, max(named, last + 1, boundary_after(commits + COMMITS * self.token + HOPS + make)))
+        soon = boundary_after(commits + COMMITS * self.token + HOPS + make) + self.slack
+        return Window(first, max(named, last + 1, soon))
 
     def settled(self) -> int:
         """The period by which the last DISABLE has silenced everything (SAF-004)."""

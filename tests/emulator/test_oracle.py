@@ -34,14 +34,22 @@ COLLECTING = 12 * 400_000
 class Bench:
     """A device, a host that does one thing after another at given cycles, and the referee who watches both."""
 
-    def __init__(self, link: Link = FIVE_WIRE, *, unfolded: bool = False, wiring: Wiring = SCRAMBLED) -> None:
+    def __init__(
+        self,
+        link: Link = FIVE_WIRE,
+        *,
+        unfolded: bool = False,
+        wiring: Wiring = SCRAMBLED,
+        device: Any = None,
+        slack_periods: int = 0,
+    ) -> None:
         self.link = link
-        self.emulator = Emulator(wiring, link=link, unfolded=unfolded)
+        self.emulator = device or Emulator(wiring, link=link, unfolded=unfolded)
         self.emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
         info = spec.read_info(self.ask(Request.INFO))
         answer = self.ask(Request.WIRING)
         channels = [spec.number(answer, place, 2) for place in range(0, 640, 2)]
-        self.referee = Referee(info, channels)
+        self.referee = Referee(info, channels, slack_periods)
         self.bus = EmulatorBackend([self.emulator])
         self.handle = self.bus.open_device(next(iter(self.bus.enumerate_devices())))
         self.heard: list[object] = []
@@ -82,7 +90,8 @@ class Bench:
         return found
 
     def ask(self, request: Request) -> bytes:
-        return self.emulator.usb.control(Setup(0xC1, request, 0, 0, 640))
+        answer: bytes = self.emulator.usb.control(Setup(0xC1, request, 0, 0, 640))
+        return answer
 
     def order(self, request: Request, value: int = 0) -> bool:
         """Whether a request without data was carried out rather than stalled."""
@@ -170,7 +179,8 @@ class Bench:
         self.status()
         capture = self.emulator.capture()
         self.referee.check_bits(capture.bits, first, end)
-        return capture.bits(first * 50, end * 50)
+        bits: Words = capture.bits(first * 50, end * 50)
+        return bits
 
 
 @pytest.fixture(

@@ -1,0 +1,362 @@
+/* Chapter CHN, a processor's side: mailbox, tables, stores, sequence and modulation; what its 32 outputs play. */
+#include "processor.h"
+
+#include <string.h>
+
+#define DEAF_PERIODS (50u * (uint64_t)PW_PERIODS_PER_MS) /* CHN-018 */
+#define SYNC_TICKS ((int64_t)4096 * (int64_t)PW_TICKS)   /* between two pulses: CHN-026 */
+#define SEQUENCE 0u
+#define MODULATION 1u
+#define UNMODULATED 255u
+
+void pw_processor_begin(struct pw_processor *self, const uint8_t firmware[3], const uint8_t unique_id[8])
+{
+    memset(self, 0, sizeof *self);
+    memcpy(self->firmware, firmware, 3);
+    memcpy(self->unique_id, unique_id, 8);
+    self->number = PW_NO_NUMBER;
+    self->sample = UNMODULATED;
+    self->temperature_c = 30;
+}
+
+/* Messages ----------------------------------------------------------------------------------------------------- */
+
+static void damaged(struct pw_processor *self)
+{
+    self->damaged_messages++;
+    self->event_faults |= PW_FAULT_CHAIN;
+}
+
+static void missed(struct pw_processor *self)
+{
+    self->missed_commits++;
+    self->event_faults |= PW_FAULT_CHAIN; /* SAF-008: a commit missed */
+}
+
+static void take_slice(struct pw_processor *self, const uint8_t *body, size_t size)
+{
+    if (size != PW_SLICE) {
+        damaged(self);
+        return;
+    }
+    memcpy(self->mail, body, PW_SLICE);
+    self->has_mail = true;
+}
+
+static void take_commit(struct pw_processor *self, const uint8_t *body, size_t size)
+{
+    uint64_t period;
+    uint32_t checksum;
+    if (!pw_commit_get(&period, &checksum, body, size)) {
+        damaged(self);
+        return;
+    }
+    const bool had_mail = self->has_mail;
+    self->has_mail = false; /* at once, whatever it is: CHN-004 */
+    if (!had_mail || self->waits || period <= self->period || checksum != pw_commit_checksum(self->mail, period)) {
+        missed(self);
+        return;
+    }
+    self->waits = true;
+    self->waits_period = period;
+    memcpy(self->waits_slice, self->mail, PW_SLICE);
+    self->commit_came_last = true;
+    self->carried_out++;
+}
+
+static void take_load(struct pw_processor *self, const uint8_t *body, size_t size)
+{
+    struct pw_load load;
+    if (!pw_load_get(&load, self->number, body, size)) {
+        damaged(self);
+        return;
+    }
+    switch (load.memory) {
+    case PW_MEMORY_SLOTS:
+        memcpy(self->slots[load.first], load.data, PW_SLICE);
+        break;
+    case PW_MEMORY_ENTRIES:
+        memcpy(self->entries[load.first], load.data, 4u * (size_t)load.count);
+        break;
+    default:
+        memcpy(self->samples + load.first, load.data, load.count);
+        break;
+    }
+}
+
+static void take_program(struct pw_processor *self, const uint8_t *body, size_t size)
+{
+    struct pw_program program;
+    if (!pw_program_get(&program, self->number, body, size)) {
+        damaged(self);
+        return;
+    }
+    const uint32_t which = program.memory == PW_MEMORY_ENTRIES ? SEQUENCE : MODULATION;
+    if (program.period <= self->period || self->program_waits[which]) {
+        missed(self);
+        return;
+    }
+    self->program_waits[which] = true;
+    self->program[which] = program;
+    if (which == SEQUENCE) {
+        self->commit_came_last = false;
+    }
+}
+
+static size_t answer_report(struct pw_processor *self, uint8_t *answer)
+{
+    struct pw_report report = {0};
+    report.processor = self->number;
+    report.temperature_c = self->temperature_c;
+    report.faults = (uint16_t)(self->lasting_faults | self->event_faults);
+    memcpy(report.firmware, self->firmware, 3);
+    report.drift = self->drift;
+    report.carried_out = self->carried_out;
+    report.missed_commits = self->missed_commits;
+    report.damaged_messages = self->damaged_messages;
+    self->event_faults = 0; /* said once: CHN-016 */
+    return pw_report_put(answer, &report);
+}
+
+static size_t answer_playing(const struct pw_processor *self, uint8_t *answer)
+{
+    struct pw_playing playing;
+    playing.processor = self->number;
+    playing.period = self->since;
+    memcpy(playing.pulses, self->slice, PW_SLICE);
+    return pw_playing_put(answer, &playing);
+}
+
+static size_t take_collect(struct pw_processor *self, const uint8_t *body, size_t size, uint8_t *answer)
+{
+    uint8_t which;
+    if (!pw_collect_get(&which, self->number, body, size)) {
+        damaged(self);
+        return 0;
+    }
+    self->last_collect = self->period;
+    return which == PW_END_REPORT ? answer_report(self, answer) : answer_playing(self, answer);
+}
+
+static size_t take_number(struct pw_processor *self, const uint8_t *body, size_t size, bool last, uint8_t *answer)
+{
+    uint8_t number;
+    if (!pw_number_get(&number, body, size)) {
+        damaged(self);
+        return 0;
+    }
+    struct pw_identity identity = {0};
+    self->number = number;
+    identity.processor = number;
+    identity.last = last ? 1u : 0u;
+    memcpy(identity.firmware, self->firmware, 3);
+    memcpy(identity.unique_id, self->unique_id, 8);
+    return pw_identity_put(answer, &identity);
+}
+
+size_t pw_processor_message(struct pw_processor *self, uint8_t channel_end, const uint8_t *body, size_t size, bool last,
+                            uint8_t answer[PW_MESSAGE])
+{
+    switch (channel_end) {
+    case PW_END_SLICE:
+        take_slice(self, body, size);
+        return 0;
+    case PW_END_COMMIT:
+        take_commit(self, body, size);
+        return 0;
+    case PW_END_LOAD:
+        take_load(self, body, size);
+        return 0;
+    case PW_END_PROGRAM:
+        take_program(self, body, size);
+        return 0;
+    case PW_END_COLLECT:
+        return take_collect(self, body, size, answer);
+    case PW_END_NUMBER:
+        return take_number(self, body, size, last, answer);
+    default:
+        damaged(self);
+        return 0;
+    }
+}
+
+/* Periods ------------------------------------------------------------------------------------------------------ */
+
+static void show(struct pw_processor *self, const uint8_t *slice)
+{
+    memcpy(self->slice, slice, PW_SLICE);
+    self->since = self->period;
+    self->stale = true;
+}
+
+static void show_silence(struct pw_processor *self)
+{
+    static const uint8_t silence[PW_SLICE] = {0};
+    self->sequence = false;
+    show(self, silence);
+}
+
+static uint8_t *entry_at(struct pw_processor *self, uint32_t item)
+{
+    return self->entries[self->sequence_program.first + item];
+}
+
+static void show_entry(struct pw_processor *self)
+{
+    const uint8_t *entry = entry_at(self, self->sequence_item);
+    self->sequence_left = pw_get16(entry + 2);
+    show(self, self->slots[pw_get16(entry)]);
+}
+
+static void begin_sequence(struct pw_processor *self, const struct pw_program *program)
+{
+    if (program->count == 0u) {
+        if (self->sequence) {
+            show_silence(self);
+        }
+        return;
+    }
+    self->sequence = true;
+    self->sequence_program = *program;
+    self->sequence_item = 0;
+    self->sequence_repeat = 0;
+    show_entry(self);
+}
+
+/* One period of the sequence is over. */
+static void step_sequence(struct pw_processor *self)
+{
+    self->sequence_left--;
+    if (self->sequence_left != 0u) {
+        return;
+    }
+    self->sequence_item++;
+    if (self->sequence_item == self->sequence_program.count) {
+        self->sequence_item = 0;
+        self->sequence_repeat++;
+        if (self->sequence_program.repeats != 0u && self->sequence_repeat == self->sequence_program.repeats) {
+            show_silence(self);
+            return;
+        }
+    }
+    show_entry(self);
+}
+
+static void use_sample(struct pw_processor *self, uint8_t sample)
+{
+    if (sample != self->sample) {
+        self->sample = sample;
+        self->stale = true;
+    }
+}
+
+static void begin_modulation(struct pw_processor *self, const struct pw_program *program)
+{
+    self->modulation = program->count != 0u;
+    self->modulation_program = *program;
+    self->modulation_item = 0;
+    self->modulation_left = program->hold;
+    use_sample(self, self->modulation ? self->samples[program->first] : UNMODULATED);
+}
+
+/* One period of the modulation is over. */
+static void step_modulation(struct pw_processor *self)
+{
+    self->modulation_left--;
+    if (self->modulation_left == 0u) {
+        self->modulation_left = self->modulation_program.hold;
+        self->modulation_item = (self->modulation_item + 1u) % self->modulation_program.count;
+        use_sample(self, self->samples[self->modulation_program.first + self->modulation_item]);
+    }
+}
+
+static bool program_begins(struct pw_processor *self, uint32_t which)
+{
+    const bool begins = self->program_waits[which] && self->program[which].period == self->period;
+    self->program_waits[which] = self->program_waits[which] && !begins;
+    return begins;
+}
+
+static void begin_what_waits(struct pw_processor *self)
+{
+    const bool commits = self->waits && self->waits_period == self->period;
+    const bool sequence = program_begins(self, SEQUENCE);
+    if (self->sequence) {
+        step_sequence(self);
+    }
+    /* For the same period they take effect in the order in which they came (CHN-014). */
+    if (sequence && self->commit_came_last) {
+        begin_sequence(self, &self->program[SEQUENCE]);
+    }
+    if (commits) {
+        self->waits = false;
+        self->sequence = false;
+        show(self, self->waits_slice);
+    }
+    if (sequence && !self->commit_came_last) {
+        begin_sequence(self, &self->program[SEQUENCE]);
+    }
+    if (program_begins(self, MODULATION)) {
+        begin_modulation(self, &self->program[MODULATION]);
+    } else if (self->modulation) {
+        step_modulation(self);
+    } else {
+        /* Nothing modulates. */
+    }
+}
+
+/* Silence by itself: what waits or runs is dropped (CHN-018, SAF-007). */
+static void fall_silent(struct pw_processor *self)
+{
+    self->has_mail = false;
+    self->waits = false;
+    self->program_waits[SEQUENCE] = false;
+    self->program_waits[MODULATION] = false;
+    self->modulation = false;
+    use_sample(self, UNMODULATED);
+    if (self->sequence || !pw_all_zero(self->slice, PW_SLICE)) {
+        show_silence(self);
+    }
+}
+
+static void check_sync(struct pw_processor *self)
+{
+    const int64_t begun = (int64_t)(self->period * PW_TICKS);
+    if (self->synced && begun > (int64_t)self->last_sync + SYNC_TICKS + (int64_t)PW_TICKS) {
+        self->lasting_faults |= PW_FAULT_SYNC; /* no pulse when one was due: CHN-027 */
+    }
+}
+
+bool pw_processor_period(struct pw_processor *self, uint64_t period)
+{
+    self->period = period;
+    self->stale = period == 0u;
+    check_sync(self);
+    begin_what_waits(self);
+    const bool alone = period - self->last_collect == DEAF_PERIODS;
+    if (alone || (self->lasting_faults & PW_SILENCING) != 0u) {
+        fall_silent(self);
+    }
+    if (alone) {
+        self->event_faults |= PW_FAULT_CHAIN;
+    }
+    if (self->stale) {
+        pw_rasterise(self->slice, self->sample, self->words);
+    }
+    return self->stale;
+}
+
+void pw_processor_sync(struct pw_processor *self, uint64_t tick)
+{
+    if (!self->synced) {
+        self->synced = true;
+        self->last_sync = tick;
+        return;
+    }
+    self->last_sync += (uint64_t)SYNC_TICKS; /* when it was due: what is off adds up since the start (CHN-027) */
+    const int64_t late = (int64_t)tick - (int64_t)self->last_sync;
+    if (late < -1 || late > 1) {
+        self->lasting_faults |= PW_FAULT_SYNC;
+    }
+    self->drift = (int8_t)(late < INT8_MIN ? INT8_MIN : (late > INT8_MAX ? INT8_MAX : late));
+}

@@ -1,0 +1,66 @@
+/* One processor of the chain: messages in, the words of its port out (chapter CHN). It drives 32 outputs.
+   A board's interrupt calls pw_processor_period at each period boundary; its message threads call the rest. */
+#ifndef PW_PROCESSOR_H
+#define PW_PROCESSOR_H
+
+#include "chn.h"
+#include "pul.h"
+
+#define PW_NO_NUMBER 0xFFu
+
+struct pw_processor {
+    /* What it is. */
+    uint8_t firmware[3];
+    uint8_t unique_id[8];
+    uint8_t number; /* PW_NO_NUMBER before NUMBER */
+    int8_t temperature_c;
+    /* The mailbox, and the slice that waits for its period (CHN-004, CHN-007). */
+    bool has_mail;
+    uint8_t mail[PW_SLICE];
+    bool waits;
+    uint64_t waits_period;
+    uint8_t waits_slice[PW_SLICE];
+    /* Programs that wait: of the sequence, and of the modulation (CHN-014). Each has the order in which it came. */
+    bool program_waits[2];
+    struct pw_program program[2];
+    bool commit_came_last;
+    /* What plays. */
+    uint64_t period; /* that has begun */
+    uint64_t since; /* from which these pulses play */
+    uint8_t slice[PW_SLICE];
+    bool sequence; /* whether it is a sequence */
+    struct pw_program sequence_program;
+    uint32_t sequence_item, sequence_repeat, sequence_left;
+    bool modulation;
+    struct pw_program modulation_program;
+    uint32_t modulation_item, modulation_left;
+    uint8_t sample;
+    /* Stores. */
+    uint8_t slots[PW_SLOTS][PW_SLICE];
+    uint8_t entries[PW_ENTRIES][4];
+    uint8_t samples[PW_SAMPLES];
+    /* Reports. */
+    uint16_t lasting_faults; /* enum pw_fault, whose cause lasts */
+    uint16_t event_faults;   /* CHAIN and OVERRUN since the report before */
+    int8_t drift;
+    uint32_t carried_out, missed_commits, damaged_messages;
+    /* Time. */
+    uint64_t last_collect; /* period */
+    bool synced;
+    uint64_t last_sync; /* tick */
+    /* Words of the port, and whether they are those of the period before. */
+    bool stale;
+    uint32_t words[PW_TICKS];
+};
+
+void pw_processor_begin(struct pw_processor *self, const uint8_t firmware[3], const uint8_t unique_id[8]);
+/* A message without its route header and END. Writes an answer to the controller, route header first, and returns its
+   size, or 0. `last` says whether nothing is linked behind this processor (CHN-022). */
+size_t pw_processor_message(struct pw_processor *self, uint8_t channel_end, const uint8_t *body, size_t size, bool last,
+                            uint8_t answer[PW_MESSAGE]);
+/* A period begins. Returns whether its words differ from those of the period before. */
+bool pw_processor_period(struct pw_processor *self, uint64_t period);
+/* A pulse on the sync line, at a tick of this processor's own count; the first one is at tick 0 (CHN-027). */
+void pw_processor_sync(struct pw_processor *self, uint64_t tick);
+
+#endif
