@@ -125,6 +125,7 @@ static void take_effect(struct pw_device *self, const struct pw_change *change)
             stop_playing(self);
             pw_event(self, PW_EVENT_END, change->door);
         } else if (change->action == PW_DISABLE) {
+            stop_playing(self); /* the outputs are silent from here on: what was accepted later is only dropped */
             pw_event(self, PW_EVENT_DISABLE, change->door);
         } else {
             /* END_MODULATION leaves what plays as it is. */

@@ -174,7 +174,7 @@ static void report(struct pw_device *self, const struct pw_report *came)
     if (missed && !pw_state_enabled(self->state)) {
         /* That may have been the silence: once more, and if it is missed again the processor falls silent (CHN-030). */
         processor->asked_again = self->now + DEAF_TICKS;
-        pw_silence(self);
+        pw_silence(self, true);
     }
 }
 

@@ -427,7 +427,7 @@ static void carry_out(struct pw_line *line, struct pw_device *device, const stru
     if (ROWS[command->code].type != 0u) {
         end = ask(line, device, command);
     } else if (command->code == (uint8_t)PW_CMD_DFU) {
-        end = pw_device_detach(device) ? PW_ANSWERED : PW_STALLED;
+        end = pw_device_detach(device, line->door) ? PW_ANSWERED : PW_STALLED;
     } else if (command->code == (uint8_t)PW_CMD_ECHO) {
         line->typing.echo = command->argument == 1u;
     } else {

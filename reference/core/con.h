@@ -35,7 +35,7 @@ struct pw_command {
 uint8_t pw_command_read(struct pw_command *command, const struct pw_typing *typing);
 const char *pw_command_name(uint8_t code);
 
-/* A byte of text, not 0, has arrived. Needs room for PW_TEXT_MOST bytes. */
+/* A byte of text, not 0, has arrived. Needs room for PW_ECHO_MOST bytes, at the end of a line for PW_TEXT_MOST. */
 void pw_console_take(struct pw_line *line, struct pw_device *device, uint8_t byte);
 /* The end of a command that was answered LATER; the data stand behind the first two bytes of line->answer. */
 void pw_console_finish(struct pw_line *line, struct pw_device *device, enum pw_answer end);

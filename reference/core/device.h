@@ -185,7 +185,7 @@ int pw_device_test(struct pw_device *self, uint8_t door, uint16_t transducer);
 /* An event of the bus: BUS_RESET, SUSPEND, RESUME (STA-002). BUS_RESET also lets any number come next (NUM-004). */
 void pw_device_bus(struct pw_device *self, enum pw_event event);
 /* DETACH (DFU-002): false if the state has no such transition. The device leaves later: pw_device_leaving. */
-bool pw_device_detach(struct pw_device *self);
+bool pw_device_detach(struct pw_device *self, uint8_t door);
 /* Whether a door wants status records of the device's own accord: USB while configured, a line among frames. */
 void pw_device_listen(struct pw_device *self, uint8_t door, bool listens);
 /* The newest of them for a door, once; send it after the acknowledgements that wait (ACK-006). */

@@ -14,8 +14,9 @@ static inline uint64_t pw_period_now(const struct pw_device *self) { return self
 void pw_event(struct pw_device *self, enum pw_event event, uint8_t door);
 /* Tell all doors but one that something has changed. */
 void pw_tell(struct pw_device *self, uint8_t door);
-/* Order silence for the first period that can have it (SAF-004). */
-void pw_silence(struct pw_device *self);
+/* Drop what is queued, and order silence for the first period that can have it (SAF-004) if something plays or is on its
+   way, or `again`: a processor may have missed it. */
+void pw_silence(struct pw_device *self, bool again);
 /* Faults have appeared; `lasting` are those whose cause lasts, of all sources. */
 void pw_raise_faults(struct pw_device *self, uint16_t faults);
 void pw_clear_faults(struct pw_device *self, uint8_t door);

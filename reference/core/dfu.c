@@ -264,7 +264,8 @@ static void download(struct pw_dfu *dfu, const struct pw_setup *setup, const uin
     }
 }
 
-/* DFU-014: what would boot next is the first image in the loader's order that is intact. */
+/* DFU-014: what would boot next is the first image in the loader's order that is intact. The flash may still be busy
+   with what ERROR did not stop; then this waits. */
 static bool upload_find(struct pw_dfu *dfu)
 {
     struct pw_banks banks;
@@ -281,15 +282,11 @@ static bool upload_find(struct pw_dfu *dfu)
     return readable;
 }
 
-/* The flash may still be busy with what ERROR did not stop; then this waits. */
 static int upload(struct pw_dfu *dfu, bool first, uint8_t *in)
 {
     const struct pw_port *port = dfu->port;
     int answered = STALLED;
-    bool good = pw_flash_wait(port);
-    if (good && first) {
-        good = upload_find(dfu);
-    }
+    bool good = !first || upload_find(dfu);
     if (good) {
         const uint32_t size = upload_bytes(dfu);
         const uint32_t at = dfu->upload_number * PW_DFU_BLOCK;

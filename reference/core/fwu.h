@@ -49,7 +49,8 @@ struct pw_image {
     uint8_t digest[32]; /* SHA-256 of all of it, if it is ACCEPTED */
 };
 /* `block` has room for PW_FIRST_BLOCK bytes and stays untouched until the check is over. */
-void pw_image_begin(struct pw_image *image, const struct pw_port *port, uint32_t address, uint32_t size, uint8_t *block);
+void pw_image_begin(struct pw_image *image, const struct pw_port *port, uint32_t address, uint32_t size,
+                    uint8_t *block);
 /* Reads one page at most; returns whether there is more to do. Not while the flash is busy. */
 bool pw_image_step(struct pw_image *image);
 

@@ -70,7 +70,7 @@ static void change_state(struct pw_device *self, enum pw_event event, uint8_t do
         self->last_sign = self->now; /* the watchdog starts, if it rested */
     }
     if (pw_state_enabled(before) && !pw_state_enabled(self->state)) {
-        pw_silence(self);
+        pw_silence(self, false);
     }
     if (told_to_all(event)) {
         pw_tell(self, PW_NO_DOOR);
@@ -93,7 +93,7 @@ void pw_event(struct pw_device *self, enum pw_event event, uint8_t door)
     }
 }
 
-void pw_silence(struct pw_device *self)
+void pw_silence(struct pw_device *self, bool again)
 {
     /* What is committed may begin (SAF-004), but is no event any more; what is not is dropped. Silence that waits
        already is soon enough, and stays. */
@@ -111,13 +111,16 @@ void pw_silence(struct pw_device *self)
         kept++;
     }
     self->change_count = kept;
+    const bool silent = kept == 0u && !self->plays && !self->modulation_sent;
     self->plays = false;
     self->plays_sequence = false;
     self->modulates = false;
     self->since_period = 0;
     self->sequence_ends = PW_NEVER;
     uint64_t period = committed;
-    if (!ordered) {
+    if (silent && !again) {
+        period = pw_period_now(self); /* nothing plays or is on its way */
+    } else if (!ordered) {
         self->last_period = committed; /* what was dropped delays nothing */
         period = pw_first_period(self, false);
         struct pw_change *silence = pw_change_add(self);
@@ -126,6 +129,8 @@ void pw_silence(struct pw_device *self)
         silence->period = period;
         silence->silent = true;
         silence->door = PW_NO_DOOR;
+    } else {
+        /* It comes soon enough. */
     }
     self->last_period = period;
     pw_end_uses(self, true, true, period);
@@ -173,13 +178,13 @@ void pw_device_bus(struct pw_device *self, enum pw_event event)
     pw_event(self, event, PW_DOOR_USB);
 }
 
-bool pw_device_detach(struct pw_device *self)
+bool pw_device_detach(struct pw_device *self, uint8_t door)
 {
     pw_device_poll(self);
     if ((PW_FEATURES & PW_HAS_DFU) == 0u || !pw_state_allows(self->state, PW_EVENT_DETACH)) {
         return false;
     }
-    pw_event(self, PW_EVENT_DETACH, PW_NO_DOOR);
+    pw_event(self, PW_EVENT_DETACH, door);
     self->leaving = PW_LEAVE_DFU;
     self->leave_at = self->now + 20u * (uint64_t)PW_TICKS_PER_MS; /* 10 to 1000 ms: DFU-002 */
     return true;

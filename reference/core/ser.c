@@ -38,7 +38,6 @@ static void put_frame(struct pw_line *line, uint8_t kind, const uint8_t *body, s
 static void drop_answers(struct pw_line *line)
 {
     line->owes = false;
-    line->text = 0;
     line->out.first = 0;
     line->out.used = 0;
 }
@@ -53,17 +52,14 @@ static bool busy(struct pw_line *line, uint32_t most)
     return (pw_ring_room(&line->out) < most) || (line->pending != (uint8_t)PW_PENDING_NONE);
 }
 
-/* Text that a host without DTR does not get. It must not stand in the way of frames, which need no DTR (SER-010). */
-static void drop_text(struct pw_line *line)
+/* The console has put text into `out`, which had held `before` bytes. A host without DTR does not get it (USB-023), so
+   that it answers nothing. */
+static void keep_text(struct pw_line *line, uint32_t before, bool owed)
 {
-    line->out.used -= line->text;
-    line->text = 0;
-}
-
-/* The console has put text into `out`, which had held `before` bytes. */
-static void count_text(struct pw_line *line, uint32_t before)
-{
-    line->text += line->out.used - before;
+    if (!line->may_text) {
+        line->out.used = before;
+        line->owes = owed;
+    }
 }
 
 static void reply(struct pw_line *line, uint8_t tag, enum pw_answer end, uint16_t size)
@@ -140,8 +136,9 @@ static void finish_what_is_late(struct pw_line *line, struct pw_device *device)
         reply(line, line->pending_tag, end, size);
     } else {
         const uint32_t before = line->out.used;
+        const bool owed = line->owes;
         pw_console_finish(line, device, end);
-        count_text(line, before);
+        keep_text(line, before, owed);
     }
 }
 
@@ -158,10 +155,6 @@ static void enter_frames(struct pw_line *line, struct pw_device *device)
 {
     const uint8_t zero = 0;
     forget_typing(line);
-    if (!line->may_text) {
-        drop_text(line);
-    }
-    line->text = 0;
     line->frames = true;
     pw_ring_put(&line->out, &zero, 1u);
     pw_device_listen(device, line->door, true);
@@ -185,7 +178,7 @@ static void take_console(struct pw_line *line, struct pw_device *device)
     leave_frames(line, device);
     const uint32_t before = line->out.used;
     pw_console_prompt(line);
-    count_text(line, before);
+    keep_text(line, before, line->owes);
 }
 
 void pw_line_hang_up(struct pw_line *line, struct pw_device *device)
@@ -288,18 +281,18 @@ static bool take_in_frames(struct pw_line *line, struct pw_device *device, uint8
 
 static bool take_in_text(struct pw_line *line, struct pw_device *device, uint8_t byte)
 {
-    if ((pw_ring_room(&line->out) < PW_TEXT_MOST) && !line->may_text) {
-        drop_text(line);
-    }
-    if (busy(line, PW_TEXT_MOST)) {
+    const bool may_end = (byte == (uint8_t)'\r') || (byte == (uint8_t)'\n');
+    const uint32_t most = may_end ? PW_TEXT_MOST : PW_ECHO_MOST;
+    if (busy(line, most)) {
         return false;
     }
     if (byte == 0u) {
         enter_frames(line, device);
     } else {
         const uint32_t before = line->out.used;
+        const bool owed = line->owes;
         pw_console_take(line, device, byte);
-        count_text(line, before);
+        keep_text(line, before, owed);
     }
     return true;
 }
@@ -355,16 +348,11 @@ size_t pw_line_send(struct pw_line *line, struct pw_device *device, uint8_t *byt
     if (line->frames && (room > 0u) && (out->used == 0u) && pw_device_tells(device, line->door, record)) {
         put_frame(line, PW_FRAME_RECORD, record, PW_STATUS);
     }
-    uint32_t ready = line->may_text ? out->used : (out->used - line->text);
-    while ((size < room) && (ready > 0u)) {
+    while ((size < room) && (out->used > 0u)) {
         bytes[size] = out->bytes[out->first];
         size++;
         out->first = (out->first + 1u) % PW_LINE_BYTES;
         out->used--;
-        ready--;
-    }
-    if (line->text > out->used) {
-        line->text = out->used;
     }
     if (line->owes && (out->used == 0u)) {
         line->owes = false;
@@ -375,6 +363,5 @@ size_t pw_line_send(struct pw_line *line, struct pw_device *device, uint8_t *byt
 
 bool pw_line_idle(const struct pw_line *line)
 {
-    const uint32_t ready = line->may_text ? line->out.used : (line->out.used - line->text);
-    return (ready == 0u) && (line->pending == (uint8_t)PW_PENDING_NONE);
+    return (line->out.used == 0u) && (line->pending == (uint8_t)PW_PENDING_NONE);
 }

@@ -1,6 +1,7 @@
 /* Chapter SER: serial lines. Bytes come in and go out by calls; the port moves them.
    A port calls, for each line: pw_line_receive with what has arrived, pw_line_poll after each pw_device_poll, and
-   pw_line_send whenever the line can take bytes. The device has to be begun before. */
+   pw_line_send whenever the line can take bytes. The device has to be begun before. Nothing here guards against calls
+   from two threads or interrupts at once: device and lines belong to one of them. */
 #ifndef PW_SER_H
 #define PW_SER_H
 
@@ -9,9 +10,10 @@
 #ifndef PW_LINE_BYTES
 #define PW_LINE_BYTES 4096u /* that wait to be sent on a line */
 #endif
-#define PW_TEXT_MOST 2048u /* bytes of the longest answer of the console, its echo included: `boards` has 1878 */
+#define PW_TEXT_MOST 2048u /* bytes of the longest answer of the console: `boards` has 1878 */
+#define PW_ECHO_MOST 256u  /* bytes of the longest echo: a line is taken back by 240 */
 #define PW_REPLY_MOST 768u /* bytes of the longest answer in frames, and of that to a block that waits: 698 */
-#if PW_LINE_BYTES < PW_TEXT_MOST
+#if PW_LINE_BYTES < (PW_TEXT_MOST + PW_ECHO_MOST)
 #error "PW_LINE_BYTES is too small: the longest answer has to fit"
 #endif
 
@@ -62,8 +64,8 @@ enum pw_pending { PW_PENDING_NONE, PW_PENDING_REQUEST, PW_PENDING_COMMAND };
 struct pw_line {
     /* For the port. */
     bool may_text; /* the port writes it: DTR of CDC-ACM (USB-023). A UART always may. Hang up when DTR falls. */
-    bool deaf;     /* what arrives is lost: the port sets it in DFU mode (STA-005), the line after RESET and REVERT. */
-    bool answered; /* a request or a command was answered, and all that was to be sent is (FWU-020). Stays set. */
+    bool deaf;     /* what arrives is lost: the port sets it in DFU mode (STA-005), the line after RESET and REVERT */
+    bool answered; /* a request or a command was answered, and the answer fetched (FWU-020); stays set */
     /* The mode (SER-010). Answers keep the order of what they answer, so one mode tells both directions: the host's
        now, and that of the end of `out`. */
     bool frames;
@@ -91,7 +93,6 @@ struct pw_line {
     struct pw_setup pending_setup;
     uint8_t answer[2u + PW_ANSWER]; /* tag, outcome and data of a REPLY */
     struct pw_typing typing;
-    uint32_t text; /* so many bytes at the end of `out` are text */
     struct pw_ring out;
 };
 
@@ -107,8 +108,8 @@ size_t pw_line_send(struct pw_line *line, struct pw_device *device, uint8_t *byt
 void pw_line_poll(struct pw_line *line, struct pw_device *device);
 /* Break, DTR low, the end of a connection; on CDC-ACM bus reset and SET_CONFIGURATION. */
 void pw_line_hang_up(struct pw_line *line, struct pw_device *device);
-/* The same, for a port that still has bytes which pw_line_receive did not take: what had arrived whole before is carried
-   out first, unanswered (SER-010). Takes all of them. */
+/* The same, for a port that has bytes left which pw_line_receive did not take: of them it carries out what had arrived
+   whole before, unanswered (SER-010). */
 void pw_line_finish(struct pw_line *line, struct pw_device *device, const uint8_t *bytes, size_t size);
 /* Whether every answer is sent: a port restarts the device after that. */
 bool pw_line_idle(const struct pw_line *line);

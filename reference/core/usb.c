@@ -339,7 +339,7 @@ static int of_update(struct pw_usb *usb, const struct pw_setup *setup, uint8_t *
         return (int)DFU_STATUS_BYTES;
     }
     const bool detach = setup->type == CLASS_OUT && setup->request == PW_DFU_DETACH && setup->length == 0u;
-    if (detach && !usb->detaching && pw_device_detach(usb->device)) {
+    if (detach && pw_device_detach(usb->device, PW_DOOR_USB)) {
         usb->detaching = true;
         return 0;
     }

@@ -151,6 +151,7 @@ static void start(struct machine *self)
     self->flash.at_once = false;
     self->in_dfu = false;
     self->confirmed = false;
+    self->usb.was_configured = false;
     self->confirm_at = self->tick;
     self->play_count = 0;
     memset(&self->about, 0, sizeof self->about);
@@ -310,8 +311,8 @@ void machine_run(struct machine *self, uint64_t tick)
     for (uint64_t due = machine_due(self); due <= tick; due = machine_due(self)) {
         self->tick = self->tick < due ? due : self->tick;
         work(self);
-        if (due == machine_due(self)) {
-            break; /* what waits for the caller, such as a UART that is not read */
+        if (!self->in_dfu && due == machine_due(self)) {
+            break; /* it waits for the caller, such as a UART that is not read */
         }
     }
     self->tick = tick;

@@ -6,15 +6,20 @@
 #include "fwu.h"
 
 #define SEGMENTS 2u
+#define SEGMENT_SIZE 6001u /* as many blocks of DFU as a real one needs, and padding */
+#define ROOM (4u * PW_FLASH_SECTOR)
 #define TABLE_ENDS (PW_IMAGE_HEADER + (SEGMENTS * PW_IMAGE_ENTRY))
 
 /* Writes entry and bytes of a segment; returns where the next one begins. */
 static uint32_t segment_put(uint8_t *image, uint32_t index, uint8_t target, uint32_t at, const char *text)
 {
-    const uint32_t size = (uint32_t)strlen(text);
+    const uint32_t size = SEGMENT_SIZE;
+    const size_t length = strlen(text);
     uint8_t *entry = &image[PW_IMAGE_HEADER + (index * PW_IMAGE_ENTRY)];
     struct pw_sha256 sum;
-    (void)memcpy(&image[at], text, size);
+    for (size_t i = 0; i < size; i++) {
+        image[at + i] = (uint8_t)text[i % length];
+    }
     entry[0] = target;
     pw_put32(&entry[4], at);
     pw_put32(&entry[8], size);
@@ -29,7 +34,7 @@ static uint32_t segment_put(uint8_t *image, uint32_t index, uint8_t target, uint
 static uint32_t image_put(uint8_t *image, const uint8_t firmware[3])
 {
     uint32_t at = TABLE_ENDS;
-    (void)memset(image, 0, PW_FLASH_SECTOR);
+    (void)memset(image, 0, ROOM);
     at = segment_put(image, 0, PW_ALL_PROCESSORS, at, "factory program of the processors");
     at = segment_put(image, 1, PW_CONTROLLER, at, "factory program of the controller");
     at += PW_IMAGE_SIGNED;
@@ -41,7 +46,7 @@ static uint32_t image_put(uint8_t *image, const uint8_t firmware[3])
     image[11] = 1; /* protocol */
     pw_put32(&image[12], at);
     pw_put32(&image[28], pw_crc32(pw_crc32(0, image, 28), &image[PW_IMAGE_HEADER], TABLE_ENDS - PW_IMAGE_HEADER));
-    (void)memset(&image[at], 0xFF, PW_FLASH_SECTOR - at);
+    (void)memset(&image[at], 0xFF, ROOM - at);
     return at;
 }
 

@@ -123,6 +123,17 @@ static bool open_terminal(struct serial *self)
     return terminal != NULL && make_link(self, terminal);
 }
 
+/* What the last host has not read must not reach the next one. It stands behind the other end of the terminal. */
+static void forget_unread(struct serial *self)
+{
+    (void)tcflush(self->connection, TCIOFLUSH);
+    const int terminal = open(self->path, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+    if (terminal >= 0) {
+        (void)tcflush(terminal, TCIFLUSH);
+        (void)close(terminal);
+    }
+}
+
 /* Both ------------------------------------------------------------------------------------------------------------ */
 
 bool serial_open(struct serial *self, const char *text)
@@ -181,7 +192,7 @@ static void hang_up(struct serial *self, struct pw_device *device)
         (void)close(self->connection);
         self->connection = -1;
     } else {
-        (void)tcflush(self->connection, TCIOFLUSH);
+        forget_unread(self);
         (void)make_raw(self->connection);
     }
 }

@@ -107,7 +107,7 @@ struct usbip *usbip_open(const char *address, uint16_t port, struct pw_usb *usb,
     server->guest = -1;
     server->client = -1;
     urbs_begin(&server->urbs, usb);
-    (void)strncpy(server->bus_id, bus_id, BUS_ID - 1u);
+    (void)strncpy(server->bus_id, bus_id == NULL ? "1-1" : bus_id, BUS_ID - 1u);
     server->listener = listen_on(address, port);
     if (server->listener < 0 || getsockname(server->listener, (struct sockaddr *)&at, &size) != 0) {
         usbip_close(server);
@@ -358,7 +358,7 @@ static bool take_commands(struct usbip *server)
             at += enough ? USBIP_HEADER : 0u;
         }
     }
-    server->used -= at < server->used ? at : server->used;
+    server->used -= at;
     memmove(server->commands, server->commands + at, server->used);
     return good;
 }

@@ -13,8 +13,8 @@
 
 struct usbip;
 
-/* Listens; port 0 picks one. NULL with errno if it cannot. Devices are offered while usb->attached: from pw_usb_begin
-   until usbip_leave, so usb has to be begun, or all zero. */
+/* Listens; port 0 picks one, and a bus_id of NULL is "1-1". NULL with errno if it cannot. The device is offered while
+   usb->attached: from pw_usb_begin until usbip_leave. So usb has to be begun, or all zero. */
 struct usbip *usbip_open(const char *address, uint16_t port, struct pw_usb *usb, const char *bus_id);
 int usbip_port(const struct usbip *server);
 /* What to wait for; returns how many of the USBIP_FDS it wrote. */

@@ -389,7 +389,7 @@ static struct pw_setup setup_of(const struct urb *urb)
 static void infer_reset(struct urbs *urbs, const struct pw_setup *setup)
 {
     const bool device = setup->type == 0x80u && setup->request == GET_DESCRIPTOR && setup->value == DEVICE;
-    if (device && setup->length == 18u && urbs->asked_64 && urbs->waiting == 1u) {
+    if (device && setup->length == 18u && urbs->asked_64) {
         pw_usb_bus_reset(urbs->usb);
     }
     urbs->asked_64 = device && setup->length == 64u && urbs->waiting == 1u;

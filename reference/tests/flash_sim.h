@@ -23,6 +23,8 @@ struct sim {
     bool mute;          /* nothing is answered */
     bool locked;        /* erasures and programs are refused */
     bool sticky;        /* erasures leave a bit, programs too */
+    bool lame;          /* programs do nothing */
+    uint8_t blind;      /* a bank that cannot be read */
     bool stuck;         /* busy for ever */
     uint32_t misused;   /* calls that the port does not allow */
 };
@@ -44,13 +46,14 @@ static inline bool sim_busy(void *self)
 
 static inline bool sim_read(void *self, uint32_t address, uint8_t *data, size_t size)
 {
+    const bool answers = !sim.mute && ((sim.blind == 0u) || ((address / PW_BANK_SIZE) != sim.blind));
     if (sim_busy(self) || ((address + size) > SIM_BYTES)) {
         sim.misused++;
     }
-    if (!sim.mute) {
+    if (answers) {
         (void)memcpy(data, &sim.bytes[address], size);
     }
-    return !sim.mute;
+    return answers;
 }
 
 /* Bits of `mask`, each with probability 1/2. */
@@ -130,7 +133,7 @@ static inline bool sim_program(void *self, uint32_t address, const uint8_t *data
     }
     if (!sim.mute && !sim.locked && sim_powered(address, data, (uint32_t)size)) {
         for (size_t i = 0; i < size; i++) {
-            sim.bytes[address + i] &= data[i];
+            sim.bytes[address + i] &= sim.lame ? 0xFFu : data[i];
         }
         if (sim.sticky) {
             sim.bytes[address] ^= 1u;
@@ -168,7 +171,8 @@ static inline void sim_begin(void)
 
 #define MADE_LARGEST PW_IMAGE_LARGEST
 
-/* Writes an image of 2 or 11 segments of `size` bytes each, not signed; `patch` tells it from others. Returns its size. */
+/* Writes an image of 2 or 11 segments of `size` bytes each, not signed; `patch` tells it from others. Returns its
+   size. */
 static inline uint32_t make_image(uint8_t *image, uint32_t segments, uint32_t size, uint8_t patch)
 {
     const uint32_t table_ends = PW_IMAGE_HEADER + (segments * PW_IMAGE_ENTRY);

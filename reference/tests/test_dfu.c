@@ -396,6 +396,24 @@ static void test_upload(void)
     CHECK_BYTES(dfu_in, image_a, 2048);
     CHECK_EQ(request(PW_DFU_ABORT, 0, 0, NULL), 0);
     CHECK_EQ(state(), PW_DFU_IDLE);
+    check_case = "upload while an image is on trial"; /* A would boot, and the factory image without A */
+    begin(true);
+    sim_put(PW_BANK_B, image_b, size_b, 8, 0, UINT32_MAX);
+    pw_dfu_begin(&dfu, &sim_port, &(const struct pw_boot){ .bank = PW_BANK_B });
+    CHECK_EQ(request(PW_DFU_UPLOAD, 0, 2048, NULL), 2048);
+    CHECK_BYTES(dfu_in, image_a, 2048);
+    CHECK_EQ(request(PW_DFU_ABORT, 0, 0, NULL), 0);
+    CHECK_EQ(request(PW_DFU_DNLOAD, 0, 2048, image_b), 0);
+    CHECK_EQ(settle().state, PW_DFU_DNLOAD_IDLE);
+    CHECK_EQ(request(PW_DFU_ABORT, 0, 0, NULL), 0);
+    CHECK_EQ(request(PW_DFU_UPLOAD, 0, 2048, NULL), size_f);
+    check_case = "upload beside a damaged image";
+    begin(true);
+    sim_put(PW_BANK_B, image_b, size_b, 8, 0, 0);
+    sim.bytes[0x301000] ^= 1u;
+    pw_dfu_begin(&dfu, &sim_port, &(const struct pw_boot){ .bank = PW_BANK_A });
+    CHECK_EQ(request(PW_DFU_UPLOAD, 0, 2048, NULL), 2048);
+    CHECK_BYTES(dfu_in, image_a, 2048);
     check_case = "upload of a short image";
     begin(false);
     sim_put(PW_BANK_A, image_a, size_a, 0, 0, 0);

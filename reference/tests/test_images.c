@@ -11,7 +11,8 @@ static uint8_t block[PW_FIRST_BLOCK];
 static const uint8_t factory_version[3] = { 1, 0, 0 };
 
 /* Checks what stands in bank A as an image of this size. */
-static enum pw_image_reason check_flash(const struct pw_port *port, const uint8_t *bytes, uint32_t size, uint8_t *digest)
+static enum pw_image_reason check_flash(const struct pw_port *port, const uint8_t *bytes, uint32_t size,
+                                        uint8_t *digest)
 {
     struct pw_image image;
     uint32_t steps = 0;
@@ -95,9 +96,11 @@ static void test_first_reason(void)
     CHECK_EQ(check_flash(&sim_port, image_a, size, digest), PW_IMAGE_PADDING);
     CHECK_EQ(check_flash(&sim_port, image_a, size + 1u, digest), PW_IMAGE_TOTAL);
     CHECK_EQ(check_flash(&sim_port, image_a, 40, digest), PW_IMAGE_LENGTH);
+    image_a[9] = 10; /* a minor version that does not fit bcdDevice */
+    pw_put32(&image_a[28], pw_crc32(pw_crc32(0, image_a, 28), &image_a[32], 96));
+    CHECK_EQ(check_flash(&sim_port, image_a, size, digest), PW_IMAGE_RESERVED);
+    size = make_image(image_a, 2, 5, 1);
     image_a[143] = 1; /* padding before the signature */
-    image_a[133] = 0;
-    image_a[128] ^= 1u;
     CHECK_EQ(check_flash(&sim_port, image_a, size, digest), PW_IMAGE_PADDING);
     size = make_image(image_a, 2, 5, 1);
     sim.mute = true;
@@ -218,6 +221,11 @@ static void test_factory(void)
     CHECK(pw_boot_confirm(&sim_port, &boot));
     CHECK_EQ(sim.operations, 0);
     CHECK_EQ(check_flash(&sim_port, &sim.bytes[boot.address], boot.size, digest), PW_IMAGE_ACCEPTED);
+    pw_put32(&sim.bytes[0x100030], UINT32_MAX); /* not even a record without its marks is written again */
+    pw_put32(&sim.bytes[0x100034], UINT32_MAX);
+    boot = boots(PW_BANK_FACTORY, 0);
+    CHECK(pw_boot_confirm(&sim_port, &boot));
+    CHECK_EQ(sim.operations, 0);
     sim.bytes[boot.address + boot.size - 1u] ^= 1u;
     CHECK(!pw_boot(&sim_port, &boot));
     CHECK_EQ(boot.bank, PW_BANK_NONE);
@@ -269,6 +277,9 @@ static void test_trial_of_locked_flash(void)
     sim.locked = true;
     (void)boots(PW_BANK_FACTORY, PW_FAULT_FLASH);
     sim.locked = false;
+    sim.lame = true;
+    (void)boots(PW_BANK_FACTORY, PW_FAULT_FLASH);
+    sim.lame = false;
     (void)boots(PW_BANK_A, 0);
     sim_put(PW_BANK_A, image_a, size_a, 0, UINT32_MAX, UINT32_MAX);
     sim.stuck = true; /* the clock goes on, or it does not: the loader ends all the same */
@@ -322,9 +333,11 @@ static void test_revert(void)
     pw_boot_revert(&sim_port);
     (void)boots(PW_BANK_B, 0);
     sim.locked = false;
-    sim.mute = true;
-    pw_boot_revert(&sim_port);
-    sim.mute = false;
+    for (uint8_t bank = PW_BANK_FACTORY; bank <= (uint8_t)PW_BANK_B; bank++) {
+        sim.blind = bank;
+        pw_boot_revert(&sim_port);
+    }
+    sim.blind = 0;
     sim.bytes[PW_BANK_IMAGE(PW_BANK_FACTORY)] ^= 1u; /* a bad factory image */
     pw_boot_revert(&sim_port);
     CHECK_EQ(sim.operations, 0);

@@ -45,7 +45,7 @@ static void test_session(void)
 /* What the device says no to, and lines that are too long. */
 static void test_refusals(void)
 {
-    static const char clock_line[] = "clock\r";
+    static const char boards[] = "boards\r";
     uint8_t spaces[82];
     check_case = "refusals";
     begin();
@@ -75,19 +75,19 @@ static void test_refusals(void)
     type(&line, "clear\rstop\r", "ok\r\n> ok\r\n> ");
     CHECK_EQ(device.state, PW_STATE_OFF);
     /* A console whose text is not fetched takes no more; nothing of it is lost. */
-    uint32_t taken = 0;
-    uint32_t answers = 0;
-    while (pw_line_receive(&line, &device, (const uint8_t *)clock_line, 6) == 6u) {
+    give(&line, boards, 7);
+    fetch(&line);
+    const size_t answer = got_size;
+    size_t taken = 0;
+    CHECK(answer > 1000u);
+    while (pw_line_receive(&line, &device, (const uint8_t *)boards, 7) == 7u) {
         taken++;
     }
-    CHECK(taken > 20u);
     fetch(&line);
-    for (size_t i = 0; i < got_size; i++) {
-        answers += got[i] == (uint8_t)'>' ? 1u : 0u;
-    }
-    CHECK_EQ(answers, taken);
+    CHECK(taken > 0u);
+    CHECK_EQ(got_size, taken * answer);
     /* At the end of a connection the same, and what was typed last is carried out; what only answers is not. */
-    pw_line_finish(&line, &device, (const uint8_t *)"enable\rpulses 1\rst", 19);
+    pw_line_finish(&line, &device, (const uint8_t *)"\025enable\rpulses 1\rst", 20);
     CHECK_EQ(device.state, PW_STATE_READY);
     CHECK(!device.reading);
     expect_text(&line, "");
@@ -171,7 +171,6 @@ static void test_any_bytes(void)
         const size_t size = any_piece(bytes, (uint8_t)round);
         size_t taken = pw_line_receive(to, &device, bytes, size);
         CHECK(to->out.used <= PW_LINE_BYTES);
-        CHECK(to->text <= to->out.used);
         pass(check_below(3));
         if (check_below(40) == 0u) {
             to->may_text = check_below(3) != 0u;

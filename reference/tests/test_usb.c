@@ -197,6 +197,7 @@ static void test_line_coding(void)
     CHECK_EQ(request(0xA1, 0x21, 0, 1, 7), 7);
     CHECK_BYTES(in, coding, 7);
     CHECK_EQ(request(0xA1, 0x21, 0, 2, 7), PW_USB_STALLED);
+    CHECK_EQ(request(0x21, 0x20, 0, 1, 0), PW_USB_STALLED);
     CHECK_EQ(request(0x21, 0x23, 0, 1, 0), PW_USB_STALLED); /* SEND_BREAK */
     CHECK_EQ(request(0x21, 0x22, 3, 1, 0), 0);
     CHECK(usb.dtr && line.may_text);
@@ -278,8 +279,15 @@ static void test_pulses(void)
     CHECK_EQ(request(PW_REQUEST_IN, PW_REQ_PULSES, 0, 0, 20), 20);
     check_case = "PULSES, given up for another request";
     CHECK_EQ(pw_usb_control(&usb, &setup, NULL, in), PW_USB_NAK);
-    CHECK_EQ(request(PW_REQUEST_IN, PW_REQ_INFO, 0, 0, 64), 64);
+    CHECK_EQ(request(0x80, 8, 0, 0, 1), 1);
+    CHECK_EQ(pw_usb_control_again(&usb, in), PW_USB_STALLED);
     CHECK_EQ(request(PW_REQUEST_IN, PW_REQ_PULSES, 0, 0, 496), 496);
+    check_case = "PULSES, and a bus reset";
+    CHECK_EQ(pw_usb_control(&usb, &setup, NULL, in), PW_USB_NAK);
+    pw_usb_bus_reset(&usb);
+    CHECK_EQ(pw_usb_control_again(&usb, in), PW_USB_STALLED);
+    CHECK_EQ(set_configuration(1), 0);
+    run_ms(3);
     check_case = "PULSES, given up";
     CHECK_EQ(pw_usb_control(&usb, &setup, NULL, in), PW_USB_NAK);
     pw_usb_give_up(&usb);

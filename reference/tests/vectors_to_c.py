@@ -420,7 +420,9 @@ def image_case(i: int, part: str, v: Case) -> tuple[list[str], str]:
 
 def images(vectors: list[Case]) -> list[str]:
     """Valid firmware files, with their suffixes."""
-    lines = ["struct vec_image { const char *name; const uint8_t *bytes; uint16_t size; uint8_t version[3], key_id[8]; };"]
+    lines = [
+        "struct vec_image { const char *name; const uint8_t *bytes; uint16_t size; uint8_t version[3], key_id[8]; };"
+    ]
     rows = []
     for i, v in enumerate(vectors):
         assert v["reason"] == "ACCEPTED"
