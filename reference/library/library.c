@@ -254,15 +254,10 @@ uint64_t machine_now(const struct machine *self)
 
 uint64_t machine_due(const struct machine *self)
 {
-    uint64_t due = PW_NEVER;
     if (!self->powered) {
-        return due;
+        return PW_NEVER;
     }
-    if (self->in_dfu) {
-        due = pw_dfu_due(&self->dfu);
-    } else {
-        due = earlier(pw_device_due(&self->device), chain_due(&self->chain));
-    }
+    uint64_t due = self->in_dfu ? pw_dfu_due(&self->dfu) : pw_device_due(&self->device);
     if (self->away && self->plugged) {
         due = earlier(due, self->back_at > self->tick ? self->back_at : self->tick + 1u);
     }
@@ -270,6 +265,13 @@ uint64_t machine_due(const struct machine *self)
         due = earlier(due, self->flash.busy_until);
     }
     return due;
+}
+
+/* Besides, the periods of the processors, of which nothing is seen outside. */
+static uint64_t due_inside(const struct machine *self)
+{
+    const uint64_t due = machine_due(self);
+    return self->powered && !self->in_dfu ? earlier(due, chain_due(&self->chain)) : due;
 }
 
 /* Everything that is due in this tick. */
@@ -308,10 +310,10 @@ static void work(struct machine *self)
 
 void machine_run(struct machine *self, uint64_t tick)
 {
-    for (uint64_t due = machine_due(self); due <= tick; due = machine_due(self)) {
+    for (uint64_t due = due_inside(self); due <= tick; due = due_inside(self)) {
         self->tick = self->tick < due ? due : self->tick;
         work(self);
-        if (!self->in_dfu && due == machine_due(self)) {
+        if (!self->in_dfu && due == due_inside(self)) {
             break; /* it waits for the caller, such as a UART that is not read */
         }
     }

@@ -337,27 +337,30 @@ void machine_advance(struct machine *self, uint64_t tick)
 
 /* Doors ----------------------------------------------------------------------------------------------------------- */
 
-static void serve_doors(struct machine *self)
+static void send_lines(struct machine *self, struct pw_device *device)
 {
-    struct pw_device *device = self->mode == MACHINE_RUNS ? &self->device : NULL;
     for (uint32_t i = 0; i < self->line_count; i++) {
-        serial_serve(&self->lines[i], device);
-    }
-    if (self->usbip != NULL) {
-        usbip_serve(self->usbip);
+        serial_send(&self->lines[i], device);
     }
 }
 
 void machine_serve(struct machine *self)
 {
-    serve_doors(self);
-    if (self->mode != MACHINE_RUNS) {
+    struct pw_device *device = self->mode == MACHINE_RUNS ? &self->device : NULL;
+    for (uint32_t i = 0; i < self->line_count; i++) {
+        serial_receive(&self->lines[i], device);
+    }
+    if (self->usbip != NULL) {
+        usbip_serve(self->usbip);
+    }
+    send_lines(self, device);
+    if (device == NULL) {
         return;
     }
     while (self->chain.answer_count != 0u) {
-        chain_deliver(&self->chain, &self->device);
-        poll_doors(self);
-        serve_doors(self); /* what was answered LATER can be answered now */
+        chain_deliver(&self->chain, device);
+        poll_doors(self); /* what was answered LATER can be answered now */
+        send_lines(self, device);
     }
     if (!self->confirmed && self->tick >= self->confirm_at) {
         confirm(self);

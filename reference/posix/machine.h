@@ -50,7 +50,7 @@ struct machine {
     struct pw_dfu dfu;
 };
 
-/* Ticks of a blank flash's factory image, and so on, are the port's: this fills in the rest. */
+/* Fills in the rest. Before it: flash, outputs, lines, usbip, serial_number and full_speed, all else zero. */
 void machine_begin(struct machine *self);
 /* The voltage comes. */
 void machine_power_up(struct machine *self);

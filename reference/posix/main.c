@@ -15,7 +15,8 @@
 #define BUS_ID "1-1"
 #define SERIAL_NUMBER "REFERENCE-1"
 #define NANOSECONDS_PER_TICK 500u
-#define SLICE_TICKS ((uint64_t)PW_TICKS_PER_MS) /* between two looks at the doors, also if time is to be made up for */
+#define TICKS_PER_MS ((uint64_t)PW_TICKS_PER_MS)
+#define LAG_TICKS (30u * TICKS_PER_MS) /* that a watchdog of 100 ms forgives */
 #define LONGEST_WAIT_US 1000u
 #define SHORTEST_WAIT_US 100u
 #define NAME_ROOM 512u
@@ -156,7 +157,7 @@ static void read_options(struct options *options, int count, char **arguments)
         }
     }
     if (options->serial_count == 0u && options->usbip < 0) {
-        refuse("give it --serial or --usbip, or nobody can reach it", "phasewire-reference");
+        refuse("one of them is needed, or nobody can reach the device", "--serial, --usbip");
     }
 }
 
@@ -261,11 +262,20 @@ static long wait_of(const struct machine *machine)
     }
     const uint64_t due = machine_due(machine);
     const uint64_t ticks = due <= machine->tick ? 0u : due - machine->tick;
-    if (ticks >= SLICE_TICKS) {
+    if (ticks >= 2u * LONGEST_WAIT_US) {
         return (long)LONGEST_WAIT_US;
     }
-    const long microseconds = (long)ticks / 2;
+    const long microseconds = (long)ticks / 2; /* 0.5 us each */
     return microseconds < (long)SHORTEST_WAIT_US ? (long)SHORTEST_WAIT_US : microseconds;
+}
+
+/* How far to go before looking at the doors. A host that has waited for a time must find it over, so that is all the way.
+   But if the computer was so busy that the watchdog might fire, what had arrived meanwhile is to be heard in time. */
+static uint64_t next_tick(const struct machine *machine, uint64_t target)
+{
+    const enum pw_state state = machine->device.state;
+    const bool watched = machine->mode == MACHINE_RUNS && (state == PW_STATE_READY || state == PW_STATE_PLAYING);
+    return watched && target > machine->tick + LAG_TICKS ? machine->tick + TICKS_PER_MS : target;
 }
 
 static void run(struct machine *machine)
@@ -274,15 +284,15 @@ static void run(struct machine *machine)
     machine_power_up(machine);
     while (stops == 0 && !machine->dead) {
         const uint64_t target = (nanoseconds() - since) / NANOSECONDS_PER_TICK;
-        const uint64_t slice = machine->tick + SLICE_TICKS;
+        const uint64_t next = next_tick(machine, target);
         if (power_cut != 0) {
             power_cut = 0;
             machine_power_cut(machine);
         }
-        machine_advance(machine, target < slice ? target : slice);
+        machine_advance(machine, next);
         machine_serve(machine);
         outputs_flush(&machine->outputs);
-        wait_for(machine, target > slice ? 0 : wait_of(machine));
+        wait_for(machine, next < target ? 0 : wait_of(machine));
     }
     machine_record(machine);
 }
@@ -296,6 +306,17 @@ static bool open_outputs(struct machine *machine, const char *path)
     return opened;
 }
 
+static void close_all(struct machine *machine)
+{
+    for (uint32_t i = 0; i < machine->line_count; i++) {
+        serial_close(&machine->lines[i]);
+    }
+    if (machine->usbip != NULL) {
+        usbip_close(machine->usbip);
+    }
+    flash_close(&machine->flash);
+}
+
 int main(int count, char **arguments)
 {
     static struct machine machine;
@@ -306,23 +327,17 @@ int main(int count, char **arguments)
     machine.full_speed = options.full_speed;
     /* Somebody may wait for the line of JSON before it reads from the pipe. */
     const bool pipe = options.outputs != NULL && outputs_is_pipe(options.outputs);
-    if (!open_flash(&machine, options.flash) || !open_doors(&machine, &options)
-        || (!pipe && !open_outputs(&machine, options.outputs))) {
-        return 1;
+    bool good = open_flash(&machine, options.flash) && open_doors(&machine, &options)
+        && (pipe || open_outputs(&machine, options.outputs));
+    if (good) {
+        print_doors(&machine);
+        good = !pipe || open_outputs(&machine, options.outputs);
     }
-    print_doors(&machine);
-    bool good = !pipe || open_outputs(&machine, options.outputs);
     if (good) {
         machine_begin(&machine);
         run(&machine);
         good = outputs_close(&machine.outputs) && !machine.dead;
     }
-    for (uint32_t i = 0; i < machine.line_count; i++) {
-        serial_close(&machine.lines[i]);
-    }
-    if (machine.usbip != NULL) {
-        usbip_close(machine.usbip);
-    }
-    flash_close(&machine.flash);
+    close_all(&machine);
     return good || stops != 0 ? 0 : 1;
 }

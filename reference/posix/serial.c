@@ -15,8 +15,6 @@
 #include <termios.h>
 #include <unistd.h>
 
-#define ROUNDS 8u /* of bytes both ways before others have their turn */
-
 static bool complain(const char *text, const char *why)
 {
     fprintf(stderr, "phasewire-reference: serial %s: %s\n", text, why);
@@ -61,7 +59,7 @@ static bool listen_on(struct serial *self, uint16_t port)
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     self->listener = socket(AF_INET, SOCK_STREAM, 0);
     if (self->listener < 0 || setsockopt(self->listener, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) != 0
-        || bind(self->listener, (struct sockaddr *)&address, sizeof address) != 0 || listen(self->listener, 4) != 0
+        || bind(self->listener, (struct sockaddr *)&address, sizeof address) != 0 || listen(self->listener, 128) != 0
         || !set_nonblocking(self->listener) || getsockname(self->listener, (struct sockaddr *)&address, &size) != 0) {
         return false;
     }
@@ -218,17 +216,33 @@ static bool read_some(struct serial *self, struct pw_device *device)
     return false;
 }
 
-/* Returns whether the line took any. */
-static bool give_line(struct serial *self, struct pw_device *device)
+/* Nobody takes answers any more. What has arrived is still carried out, up to the end that reading finds. */
+static void note_end(struct serial *self)
 {
-    const size_t taken = device == NULL ? self->in_size
-                                        : pw_line_receive(&self->line, device, self->in + self->in_first, self->in_size);
-    self->in_first += taken;
-    self->in_size -= taken;
-    return taken != 0u;
+    struct pollfd fd = {self->connection, 0, 0};
+    if (poll(&fd, 1, 0) == 1 && (fd.revents & (POLLHUP | POLLERR)) != 0) {
+        self->line.muted = true;
+    }
 }
 
-static void send_some(struct serial *self, struct pw_device *device)
+void serial_receive(struct serial *self, struct pw_device *device)
+{
+    if (self->connection < 0) {
+        accept_next(self);
+    }
+    if (self->connection >= 0 && (self->in_size != 0u || read_some(self, device))) {
+        const size_t taken = device == NULL ? self->in_size
+                                            : pw_line_receive(&self->line, device, self->in + self->in_first,
+                                                              self->in_size);
+        self->in_first += taken;
+        self->in_size -= taken;
+        if (self->in_size != 0u) {
+            note_end(self);
+        }
+    }
+}
+
+void serial_send(struct serial *self, struct pw_device *device)
 {
     bool sent = true;
     while (sent && self->connected) {
@@ -240,26 +254,9 @@ static void send_some(struct serial *self, struct pw_device *device)
         if (self->out_size != 0u) {
             const ssize_t count = write(self->connection, self->out + self->out_first, self->out_size);
             sent = count > 0;
-            /* Nobody takes answers any more. What has arrived is still carried out, up to the end that reading finds. */
-            self->line.muted = self->line.muted || (count < 0 && errno != EAGAIN && errno != EINTR);
             self->out_first += sent ? (size_t)count : 0u;
             self->out_size -= sent ? (size_t)count : 0u;
         }
-    }
-}
-
-void serial_serve(struct serial *self, struct pw_device *device)
-{
-    if (self->connection < 0) {
-        accept_next(self);
-    }
-    bool moved = true;
-    for (uint32_t round = 0; round < ROUNDS && moved && self->connection >= 0; round++) {
-        moved = self->in_size != 0u || read_some(self, device);
-        if (self->in_size != 0u) {
-            moved = give_line(self, device);
-        }
-        send_some(self, device);
     }
 }
 

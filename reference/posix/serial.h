@@ -30,8 +30,11 @@ void serial_close(struct serial *self);
 void serial_name(const struct serial *self, char *name, size_t size);
 /* Power-up and RESET: the connection stays, as a UART's wires do, and the line begins anew. */
 void serial_begin(struct serial *self, uint8_t door);
-/* Move bytes both ways. `device` is NULL while it does not run: what arrives then is lost. */
-void serial_serve(struct serial *self, struct pw_device *device);
+/* Take what has arrived, but no more than once in a tick: who has read an answer must find the next one later.
+   `device` is NULL while it does not run: what arrives then is lost. */
+void serial_receive(struct serial *self, struct pw_device *device);
+/* Send what is there. */
+void serial_send(struct serial *self, struct pw_device *device);
 /* Whether all that the line has to say has left, or has nobody to go to. */
 bool serial_idle(const struct serial *self);
 /* What to wait for; returns whether there is something. */

@@ -219,8 +219,8 @@ static void send_devices(struct usbip *server)
     uint8_t bytes[OP_HEADER + 4u + DEVICE_RECORD + 4u * MOST_INTERFACES];
     size_t size = OP_HEADER + 4u;
     put_op(bytes, REP_DEVLIST, ST_OK);
-    usbip_put32(bytes + OP_HEADER, server->usb->attached ? 1u : 0u);
-    if (server->usb->attached) {
+    usbip_put32(bytes + OP_HEADER, offers_device(server) ? 1u : 0u);
+    if (offers_device(server)) {
         put_device(server, bytes + size);
         size += DEVICE_RECORD;
         size += put_interfaces(server, bytes + size);
@@ -229,12 +229,20 @@ static void send_devices(struct usbip *server)
     end_guest(server);
 }
 
+/* A device that has answered RESET, REVERT or DETACH leaves in a moment: a client that comes now would meet it as it
+   was, and lose it. */
+static bool offers_device(const struct usbip *server)
+{
+    const struct pw_usb *usb = server->usb;
+    return usb->attached && (usb->dfu_mode || usb->device->leaving == PW_STAY);
+}
+
 static void import(struct usbip *server)
 {
     uint8_t bytes[OP_HEADER + DEVICE_RECORD];
     const bool named = strncmp((const char *)server->guest_bytes + OP_HEADER, server->bus_id, BUS_ID) == 0;
-    if (!named || !server->usb->attached || server->client >= 0) {
-        put_op(bytes, REP_IMPORT, named && server->usb->attached ? ST_DEV_BUSY : ST_NODEV);
+    if (!named || !offers_device(server) || server->client >= 0) {
+        put_op(bytes, REP_IMPORT, named && server->client >= 0 ? ST_DEV_BUSY : ST_NODEV);
         (void)send_guest(server, bytes, OP_HEADER);
         end_guest(server);
         return;

@@ -894,7 +894,7 @@ def test_frames_that_meet_a_console_lead_to_frames(bench: Bench, console: RawSer
     body = bytes([1]) + Setup(0x41, Request.ENABLE, 0, 0, 0).encode()
     first = frame(FrameKind.REQUEST, body)[: frame(FrameKind.REQUEST, body).index(b"\0")] + b"\0"
     console.write(first + request_frame(2, Setup(0xC1, Request.INFO, 0, 0, 0)))
-    came = console.answer()
+    came = console.answer().replace(b"\0\0", b"\0")  # a zero may come before a frame, too (SER-005)
     expect("what answers", came, b"\0" + frame(FrameKind.REPLY, bytes([2, 0])))
     console.enter_console()
     same_but(before, status_of(bench, console))

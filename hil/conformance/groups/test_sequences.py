@@ -462,14 +462,15 @@ def test_what_is_about_to_end_is_still_in_use(bench: Bench) -> None:
 
 @case("BLK-007", "BLK-013", "CHN-019", features=SEQUENCES, needs=CAPTURE)
 def test_stores_take_effect_before_the_sequence_behind_them(bench: Bench) -> None:
-    """A sequence for now, sent right after the stores of its slots and entries, plays them at once."""
+    """A sequence for now, sent right after the stores of its slots and entries, plays the last of them at once."""
     player = Player(bench)
     store(player, [Entry(1, 1), Entry(2, 1)])
     player.send(PlaySequence(0, 2))
     fresh = [Slot(slot, bench.weak()) for slot in (100, 101, 102)]
     entries = tuple(Entry(100 + number % 3, 1 + number % 2) for number in range(ENTRIES_PER_BLOCK))
     first = bench.period()
-    acks = player.send_all([*fresh, Entries(entries, 400), PlaySequence(400, ENTRIES_PER_BLOCK)])
+    last = 400 + ENTRIES_PER_BLOCK - 12, 12
+    acks = player.send_all([*fresh, Entries(entries, 400), PlaySequence(*last)])
     player.judge(max(first, acks[-1].commit_period - 200), acks[-1].commit_period + 2 * ENTRIES_PER_BLOCK)
 
 

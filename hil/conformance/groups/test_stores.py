@@ -45,9 +45,11 @@ from phasewire.protocol.codes import (
 )
 
 FIRST_ENTRY, PLAYED_ENTRIES, FIRST_SAMPLE, PLAYED_SAMPLES = 10, 3, 102, 4
-"""What plays in the cases of IN_USE: entries 10 to 12, of slots 1 and 2, and samples 102 to 105."""
+"""What plays in the cases of IN_USE: entries 10 to 12, of slots 1 and 202, and samples 102 to 105."""
 SAMPLES = bytes(range(100, 100 + 12))
-ENTRIES = (Entry(1, 40), Entry(2, 30), Entry(1, 20), Entry(3, 10))
+ENTRIES = (Entry(1, 40), Entry(202, 30), Entry(1, 20), Entry(3, 10))
+LOW_BITS = [202 % 2**bits for bits in (4, 6, 7)]
+"""What slot 202 is in fewer bits than eight."""
 
 
 def must_all(bench: Bench, bodies: Sequence[Body]) -> None:
@@ -166,9 +168,9 @@ def test_what_was_refused_was_not_stored(bench: Bench) -> None:
 
 
 def store_all(bench: Bench) -> None:
-    """Slots 0 to 3, entries 0 to 133 and samples 0 to 599: those that play, and their neighbours."""
+    """Slots 0, 1, 3 and 202, entries 0 to 133 and samples 0 to 599: those that play, and their neighbours."""
     begin(bench)
-    for number in range(4):
+    for number in (0, 1, 3, 202):
         bench.must(Slot(number, only(number, width=3)))
     bench.must(Entries((Entry(0, 1),) * FIRST_ENTRY + ENTRIES))
     bench.must(Samples(bytes(100) + SAMPLES))
@@ -186,7 +188,7 @@ def play_samples(bench: Bench, period: int = 0) -> int:
 
 
 TAKEN: dict[str, list[Body]] = {
-    "slots": [Slot(1, SILENT), Slot(2, SILENT), Slot(1, only(1, width=3))],
+    "slots": [Slot(1, SILENT), Slot(202, SILENT), Slot(1, only(1, width=3))],
     "entries": [
         *(Entries((Entry(0, 1),) * count, first) for first, count in ((10, 1), (12, 1), (9, 2), (12, 2), (0, 120))),
         Entries(ENTRIES[:3], 10),
@@ -201,7 +203,7 @@ TAKEN: dict[str, list[Body]] = {
 }
 """Stores that overwrite what plays, the last of each sort with the same bytes."""
 FREE: dict[str, list[Body]] = {
-    "slots": [Slot(0, SILENT), Slot(3, SILENT), Slot(255, SILENT)],
+    "slots": [Slot(number, SILENT) for number in (0, 3, *LOW_BITS, 255)],
     "entries": [*(Entries((Entry(0, 1),) * count, first) for first, count in ((9, 1), (13, 1), (0, 10), (13, 120)))],
     "samples": [
         *(Samples(bytes(count), first) for first, count in ((101, 1), (106, 1), (0, 102), (106, SAMPLES_PER_BLOCK)))
