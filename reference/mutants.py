@@ -35,12 +35,14 @@ class Mutant(NamedTuple):
     file: str
     changes: list[tuple[str, str]]
     only: list[str]
+    speed: str
+    """Of the bus, "high" or "full"."""
 
     @classmethod
     def of(cls, name: str, entry: Mapping[str, Any]) -> Mutant:
         """A mutant of its entry in a file."""
         changes = [(entry["was"], entry["is"]), *map(tuple, entry.get("also", ()))]
-        return cls(name, entry["what"], entry["file"], changes, entry["only"])
+        return cls(name, entry["what"], entry["file"], changes, entry["only"], entry.get("speed", "high"))
 
 
 def mutants() -> Iterator[Mutant]:
@@ -81,7 +83,12 @@ def judge(mutant: Mutant) -> str:
     only = [word for group in mutant.only for word in ("--only", group)]
     done = subprocess.run(
         [sys.executable, "-m", "phasewire", "conformance", *options, *allowed, *only],
-        env={**os.environ, "PYTHONPATH": str(REFERENCE / "python"), "PHASEWIRE_REFERENCE": str(library)},
+        env={
+            **os.environ,
+            "PYTHONPATH": str(REFERENCE / "python"),
+            "PHASEWIRE_REFERENCE": str(library),
+            "PHASEWIRE_REFERENCE_SPEED": mutant.speed,
+        },
         capture_output=True,
         text=True,
         timeout=JUDGE_SECONDS,

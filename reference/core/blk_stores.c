@@ -10,7 +10,7 @@
 
 static bool bit_of(const uint8_t *bits, uint32_t index)
 {
-    return ((bits[index / 8u] >> (index % 8u)) & 1u) != 0u;
+    return (((uint32_t)bits[index / 8u] >> (index % 8u)) & 1u) != 0u;
 }
 
 static void set_bit(uint8_t *bits, uint32_t index)

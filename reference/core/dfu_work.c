@@ -185,9 +185,18 @@ static void next_step(struct pw_dfu *dfu)
     }
 }
 
+/* Manifestation begins when the host asks for the status (DFU 1.1, A.2.8), however fast the flash is. */
+static bool waits_for_the_host(const struct pw_dfu *dfu)
+{
+    return (dfu->step == (uint8_t)PW_STEP_MANIFEST) && (dfu->state == (uint8_t)PW_DFU_MANIFEST_SYNC);
+}
+
 void pw_dfu_time(struct pw_dfu *dfu)
 {
     const uint64_t now = dfu->port->now(dfu->port->self);
+    if (waits_for_the_host(dfu)) {
+        dfu->work_since = now;
+    }
     if ((dfu->step != (uint8_t)PW_STEP_NONE) && ((now - dfu->work_since) >= PW_FLASH_LIMIT)) {
         enum pw_dfu_status status = PW_DFU_WRITE;
         if (dfu->flashing) {
@@ -203,7 +212,8 @@ void pw_dfu_time(struct pw_dfu *dfu)
 void pw_dfu_poll(struct pw_dfu *dfu)
 {
     pw_dfu_time(dfu);
-    if ((dfu->step != (uint8_t)PW_STEP_NONE) && !dfu->port->flash_busy(dfu->port->self)) {
+    const bool works = (dfu->step != (uint8_t)PW_STEP_NONE) && !waits_for_the_host(dfu);
+    if (works && !dfu->port->flash_busy(dfu->port->self)) {
         if (dfu->flashing) {
             flash_check(dfu);
         } else {
@@ -216,7 +226,7 @@ uint64_t pw_dfu_due(const struct pw_dfu *dfu)
 {
     const uint64_t now = dfu->port->now(dfu->port->self);
     uint64_t due = PW_NEVER;
-    if (dfu->leaving || (dfu->step != (uint8_t)PW_STEP_NONE)) {
+    if (dfu->leaving || ((dfu->step != (uint8_t)PW_STEP_NONE) && !waits_for_the_host(dfu))) {
         due = dfu->port->flash_busy(dfu->port->self) ? (now + LOOK_TICKS) : now;
     }
     return due;

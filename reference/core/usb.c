@@ -191,8 +191,8 @@ static int set_of_device(struct pw_usb *usb, const struct pw_setup *setup)
     if (setup->length != 0u) {
         return PW_USB_STALLED;
     }
-    if (setup->request == SET_FEATURE && setup->value == TEST_MODE && (setup->index & 0xFFu) == 0u && test != 0u
-        && test <= LAST_TEST) {
+    const bool tests = usb->high_speed && setup->request == SET_FEATURE && setup->value == TEST_MODE;
+    if (tests && (setup->index & 0xFFu) == 0u && test != 0u && test <= LAST_TEST) {
         usb->test_mode = test;
         return 0;
     }

@@ -269,8 +269,8 @@ static long wait_of(const struct machine *machine)
     return microseconds < (long)SHORTEST_WAIT_US ? (long)SHORTEST_WAIT_US : microseconds;
 }
 
-/* How far to go before looking at the doors. A host that has waited for a time must find it over, so that is all the way.
-   But if the computer was so busy that the watchdog might fire, what had arrived meanwhile is to be heard in time. */
+/* How far to go before looking at the doors: all the way, as a host that has waited for a time must find it over. But
+   if the computer was so busy that the watchdog might fire, what had arrived meanwhile is to be heard in time. */
 static uint64_t next_tick(const struct machine *machine, uint64_t target)
 {
     const enum pw_state state = machine->device.state;

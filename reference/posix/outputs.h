@@ -29,7 +29,7 @@ bool outputs_known(const char *path);
 bool outputs_is_pipe(const char *path);
 /* Waits until somebody reads from a pipe. False: a line on stderr says why, or a signal came (errno is EINTR). */
 bool outputs_open(struct outputs *self, const char *path, const volatile sig_atomic_t *stops);
-/* The first ticks of a period: the words of all processors. `changed`: they may differ from those of the call before. */
+/* The first ticks of a period: the words of all processors. `changed`: they may differ from those of the last call. */
 void outputs_play(struct outputs *self, const uint32_t *const words[PW_PROCESSORS], uint32_t ticks, bool changed);
 void outputs_silence(struct outputs *self, uint64_t ticks);
 /* Gives a pipe what has been played so far. */

@@ -1,7 +1,7 @@
 /* The session file. Samples come at 80 MB/s, and mostly the same period over and over. So a period is deflated once in
    SIGROK_REPEATS copies, and that is put into the stream as often as it plays: a full flush before it makes the stream
-   stand at a byte, and keeps what comes after it from pointing back over it. While most periods differ from the one before,
-   deflating would take most of a core: then the samples are stored as they are. */
+   stand at a byte, and keeps what comes after it from pointing back over it. While most periods differ from the one
+   before, deflating would take most of a core: then the samples are stored as they are. */
 #include "sigrok.h"
 
 #include <stdlib.h>

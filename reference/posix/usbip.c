@@ -13,18 +13,15 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "usbip_device.h"
 #include "usbip_urbs.h"
 
 #define VERSION 0x0111u
 enum { REQ_DEVLIST = 0x8005, REQ_IMPORT = 0x8003, REP_DEVLIST = 0x0005, REP_IMPORT = 0x0003 };
 enum { CMD_SUBMIT = 1, CMD_UNLINK = 2 };
 enum { ST_OK = 0, ST_DEV_BUSY = 2, ST_NODEV = 4 };
-enum { FULL_SPEED = 2, HIGH_SPEED = 3 };
-#define BUS_ID 32u
 #define OP_HEADER 8u
-#define OP_IMPORT (OP_HEADER + BUS_ID)
-#define DEVICE_RECORD 312u
-#define MOST_INTERFACES 8u
+#define OP_IMPORT (OP_HEADER + USBIP_BUS_ID)
 #define COMMANDS 65536u
 #define MOST_HELD (64u << 20)   /* bytes of URBs; more are left in the socket */
 #define READS_AT_ONCE 16u
@@ -32,7 +29,7 @@ enum { FULL_SPEED = 2, HIGH_SPEED = 3 };
 
 struct usbip {
     struct pw_usb *usb;
-    char bus_id[BUS_ID];
+    char bus_id[USBIP_BUS_ID];
     int port;
     int listener;
     /* A connection that has not said what it wants. */
@@ -107,7 +104,7 @@ struct usbip *usbip_open(const char *address, uint16_t port, struct pw_usb *usb,
     server->guest = -1;
     server->client = -1;
     urbs_begin(&server->urbs, usb);
-    (void)strncpy(server->bus_id, bus_id == NULL ? "1-1" : bus_id, BUS_ID - 1u);
+    (void)strncpy(server->bus_id, bus_id == NULL ? "1-1" : bus_id, USBIP_BUS_ID - 1u);
     server->listener = listen_on(address, port);
     if (server->listener < 0 || getsockname(server->listener, (struct sockaddr *)&at, &size) != 0) {
         usbip_close(server);
@@ -120,54 +117,6 @@ struct usbip *usbip_open(const char *address, uint16_t port, struct pw_usb *usb,
 int usbip_port(const struct usbip *server)
 {
     return server->port;
-}
-
-/* What the device is ------------------------------------------------------------------------------------------- */
-
-static size_t descriptor(const struct usbip *server, uint16_t value, uint8_t *bytes)
-{
-    const struct pw_setup setup = {0x80, 6, value, 0, 0xFFFF};
-    const int size = pw_usb_descriptor(server->usb, &setup, bytes);
-    return size < 0 ? 0u : (size_t)size;
-}
-
-static void put_device(const struct usbip *server, uint8_t *to)
-{
-    uint8_t device[PW_USB_CONTROL];
-    uint8_t configuration[PW_USB_CONTROL];
-    static const char path[] = "/sys/devices/phasewire/";
-    (void)descriptor(server, 0x0100, device);
-    (void)descriptor(server, 0x0200, configuration);
-    memset(to, 0, DEVICE_RECORD);
-    memcpy(to, path, sizeof path - 1u);
-    memcpy(to + sizeof path - 1u, server->bus_id, strlen(server->bus_id));
-    memcpy(to + 256, server->bus_id, strlen(server->bus_id));
-    usbip_put32(to + 288, 1); /* bus */
-    usbip_put32(to + 292, 2); /* device */
-    usbip_put32(to + 296, server->usb->high_speed ? HIGH_SPEED : FULL_SPEED);
-    usbip_put16(to + 300, pw_get16(device + 8));
-    usbip_put16(to + 302, pw_get16(device + 10));
-    usbip_put16(to + 304, pw_get16(device + 12));
-    memcpy(to + 306, device + 4, 3);
-    to[309] = server->usb->configured ? 1u : 0u;
-    to[310] = device[17];
-    to[311] = configuration[4];
-}
-
-/* Class, subclass and protocol of each interface. */
-static size_t put_interfaces(const struct usbip *server, uint8_t *to)
-{
-    uint8_t bytes[PW_USB_CONTROL];
-    const size_t size = descriptor(server, 0x0200, bytes);
-    size_t count = 0;
-    for (size_t at = 0; at < size && count < MOST_INTERFACES; at += bytes[at]) {
-        if (bytes[at + 1u] == 4u) {
-            memcpy(to + 4u * count, bytes + at + 5u, 3);
-            to[4u * count + 3u] = 0;
-            count++;
-        }
-    }
-    return 4u * count;
 }
 
 /* Guests ------------------------------------------------------------------------------------------------------- */
@@ -214,33 +163,31 @@ static void put_op(uint8_t *to, uint32_t code, uint32_t status)
     usbip_put32(to + 4, status);
 }
 
+/* A client that comes while the device is leaving would meet it as it was, and lose it. */
+static bool offers_device(const struct usbip *server)
+{
+    return server->usb->attached && usbip_leaves(server->usb) == PW_STAY;
+}
+
 static void send_devices(struct usbip *server)
 {
-    uint8_t bytes[OP_HEADER + 4u + DEVICE_RECORD + 4u * MOST_INTERFACES];
+    uint8_t bytes[OP_HEADER + 4u + USBIP_DEVICE + 4u * USBIP_INTERFACES];
     size_t size = OP_HEADER + 4u;
     put_op(bytes, REP_DEVLIST, ST_OK);
     usbip_put32(bytes + OP_HEADER, offers_device(server) ? 1u : 0u);
     if (offers_device(server)) {
-        put_device(server, bytes + size);
-        size += DEVICE_RECORD;
-        size += put_interfaces(server, bytes + size);
+        usbip_put_device(server->usb, server->bus_id, bytes + size);
+        size += USBIP_DEVICE;
+        size += usbip_put_interfaces(server->usb, bytes + size);
     }
     (void)send_guest(server, bytes, size);
     end_guest(server);
 }
 
-/* A device that has answered RESET, REVERT or DETACH leaves in a moment: a client that comes now would meet it as it
-   was, and lose it. */
-static bool offers_device(const struct usbip *server)
-{
-    const struct pw_usb *usb = server->usb;
-    return usb->attached && (usb->dfu_mode || usb->device->leaving == PW_STAY);
-}
-
 static void import(struct usbip *server)
 {
-    uint8_t bytes[OP_HEADER + DEVICE_RECORD];
-    const bool named = strncmp((const char *)server->guest_bytes + OP_HEADER, server->bus_id, BUS_ID) == 0;
+    uint8_t bytes[OP_HEADER + USBIP_DEVICE];
+    const bool named = strncmp((const char *)server->guest_bytes + OP_HEADER, server->bus_id, USBIP_BUS_ID) == 0;
     if (!named || !offers_device(server) || server->client >= 0) {
         put_op(bytes, REP_IMPORT, named && server->client >= 0 ? ST_DEV_BUSY : ST_NODEV);
         (void)send_guest(server, bytes, OP_HEADER);
@@ -248,7 +195,7 @@ static void import(struct usbip *server)
         return;
     }
     put_op(bytes, REP_IMPORT, ST_OK);
-    put_device(server, bytes + OP_HEADER);
+    usbip_put_device(server->usb, server->bus_id, bytes + OP_HEADER);
     if (!send_guest(server, bytes, sizeof bytes)) {
         end_guest(server);
         return;
@@ -448,6 +395,12 @@ void usbip_work(struct usbip *server)
     urbs_carry_out(&server->urbs);
     if (server->urbs.failed || !write_answers(server)) {
         unplug(server);
+        return;
+    }
+    /* REQ-013: it leaves once RESET has been answered, so no request behind that one meets the device as it was. */
+    const enum pw_leave leave = usbip_leaves(server->usb);
+    if ((leave == PW_LEAVE_RESET || leave == PW_LEAVE_REVERT) && server->urbs.out_used == 0u) {
+        usbip_leave(server);
     }
 }
 

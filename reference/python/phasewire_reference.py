@@ -6,7 +6,8 @@ With this folder on `PYTHONPATH`, phasewire finds the entry points beside this m
     PYTHONPATH=reference/python phasewire conformance --device reference: --capture reference: --levers reference: \
         --allow reset --allow flash --allow drive
 
-``reference-uart:`` is its UART. `PHASEWIRE_REFERENCE` names another library, such as one with your changes. Whoever
+``reference-uart:`` is its UART. `PHASEWIRE_REFERENCE` names another library, such as one with your changes, and
+`PHASEWIRE_REFERENCE_SPEED=full` puts it on a full-speed bus. Whoever
 carries the core to a board can test in the same way (`library/library.h`).
 """
 
@@ -36,7 +37,7 @@ from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.wiring import Wiring
 
-LIBRARY = "PHASEWIRE_REFERENCE"
+LIBRARY, SPEED = "PHASEWIRE_REFERENCE", "PHASEWIRE_REFERENCE_SPEED"
 BUILT = Path(__file__).parents[1] / "build" / "gcc" / "libphasewire-reference.so"
 MOST_DATA = 2048
 NAK, STALL = -1, -2
@@ -318,14 +319,14 @@ class PowerAndBus(EmulatorLevers):
 
 
 @lru_cache(1)
-def the_machine(speed: str = "high") -> Machine:
+def the_machine() -> Machine:
     """The one device of this process."""
-    return Machine(speed=FULL_SPEED if speed == "full" else HIGH_SPEED)
+    return Machine(speed=FULL_SPEED if os.environ.get(SPEED) == "full" else HIGH_SPEED)
 
 
-def open_bus(url: str) -> EmulatorBackend:
-    """The bus of ``reference:`` or, at full speed, ``reference:?speed=full``."""
-    return EmulatorBackend([the_machine(*["full"] * ("speed=full" in url))])  # type: ignore[list-item]
+def open_bus(_url: str) -> EmulatorBackend:
+    """The bus of ``reference:``."""
+    return EmulatorBackend([the_machine()])  # type: ignore[list-item]
 
 
 def open_port(_url: str) -> Port:

@@ -544,6 +544,25 @@ static void test_leaving(void)
     control_in(4, WHOLE_DESCRIPTOR, 0, 18);
     CHECK(pw_dfu_leaves(&dfu));
     stop();
+    check_case = "RESET: its answer is the last one of this life";
+    for (uint8_t code = PW_REQ_RESET; code <= PW_REQ_REVERT; code++) {
+        const uint8_t leave[8] = {0x41, code, 0, 0, 0, 0, 0, 0};
+        uint8_t twice[96] = {0};
+        start(true);
+        for (size_t at = 0; at < sizeof twice; at += 48u) {
+            usbip_put32(twice + at, CMD_SUBMIT);
+            usbip_put32(twice + at + 4, 2u + (uint32_t)at);
+            usbip_put32(twice + at + 32, NO_ISO);
+            memcpy(twice + at + 40, leave, 8);
+        }
+        client_send(twice, 48);
+        expect(RET_SUBMIT, 2, 0, 0, false);
+        (void)send(peer, twice + 48, 48, MSG_DONTWAIT | MSG_NOSIGNAL);
+        expect_end();
+        CHECK_EQ(device.leaving, code == PW_REQ_RESET ? PW_LEAVE_RESET : PW_LEAVE_REVERT);
+        CHECK(client_import("1-1") != 0);
+        expect_end();
+    }
     check_case = "the client goes: no voltage";
     start(true);
     CHECK_EQ(pw_device_request(&device, PW_DOOR_LINE(0), &(struct pw_setup){0x41, PW_REQ_ENABLE, 0, 0, 0}, in,
