@@ -21,7 +21,6 @@ from ..emulator.doors.address import SPEEDS
 from ..emulator.doors.serving import Server, precise_loop
 from ..emulator.doors.station import Pace, Station
 from ..emulator.doors.uart import Uart
-from ..emulator.doors.usbip import PORT
 from ..emulator.doors.usbip_session import Exported
 from ..emulator.doors.warming import load_kernels
 from ..emulator.firmware.flash import Flash
@@ -34,6 +33,7 @@ from ..pictures import check_picture_path, save_figure
 from ..protocol.board import CORE_HZ
 from ..protocol.framing import BAUD
 from ..protocol.timing import FIVE_WIRE, LINKS, Link
+from ..protocol.usbip import PORT
 from ..signals import loading
 from ..storage import check_outputs
 from .console import among, console_for, error_console, write_json

@@ -24,9 +24,9 @@ import usb.backend
 from usb.core import USBError, USBTimeoutError
 
 from ...protocol.board import CORE_HZ, CYCLES_PER_MS
-from ...protocol.codes import DescriptorType, StandardRequest
-from ...protocol.descriptors import Configuration, Descriptor, Endpoint, Interface, descriptors
+from ...protocol.codes import StandardRequest
 from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Enumeration, Speed
+from ...protocol.parsed import ParsedConfiguration, parsed
 from ...protocol.requests import Setup
 from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, MICROFRAME_CYCLES, PACKET_CYCLES
 from ..door import Handshake, Stall
@@ -128,23 +128,9 @@ class Attachment:
         return self.usb.attached and self.usb.generation == self.generation
 
     @cached_property
-    def tree(self) -> list[SimpleNamespace]:
-        """Configuration, interfaces and endpoints in pyusb's form, each with the bytes of the descriptors after it."""
-        tree: list[SimpleNamespace] = []
-        for descriptor in descriptors(self.enumeration.configuration):
-            if isinstance(descriptor, Configuration | Interface | Endpoint):
-                tree.append(_parsed(descriptor))
-            else:
-                tree[-1].extra_descriptors.extend(descriptor.encode())
-        return tree
-
-    def settings(self, interface: int) -> list[SimpleNamespace]:
-        """The settings of an interface."""
-        return [
-            fields
-            for fields in self.tree
-            if fields.bDescriptorType == DescriptorType.INTERFACE and fields.bInterfaceNumber == interface
-        ]
+    def parsed(self) -> ParsedConfiguration:
+        """Its configuration in pyusb's form."""
+        return ParsedConfiguration(self.enumeration.configuration)
 
 
 class Handle:
@@ -169,7 +155,7 @@ class Handle:
         if interface in claims:
             if claims[interface] != self.number:
                 raise USBError("Resource busy", None, errno.EBUSY)
-        elif not self.attachment.usb.configuration or not self.attachment.settings(interface):
+        elif not self.attachment.usb.configuration or not self.attachment.parsed.settings(interface):
             raise USBError("Entity not found", None, errno.ENOENT)
         claims[interface] = self.number
 
@@ -261,20 +247,19 @@ class EmulatorBackend(usb.backend.IBackend):
     def get_device_descriptor(self, dev: Attachment) -> SimpleNamespace:
         """The device descriptor, with its place on the bus."""
         place = {"bus": 0, "address": dev.address, "port_number": dev.address, "port_numbers": (dev.address,)}
-        return SimpleNamespace(**vars(_parsed(dev.enumeration.device)), **place, speed=_LIBUSB_SPEEDS[dev.usb.speed])
+        return SimpleNamespace(**vars(parsed(dev.enumeration.device)), **place, speed=_LIBUSB_SPEEDS[dev.usb.speed])
 
     def get_configuration_descriptor(self, dev: Attachment, config: int) -> SimpleNamespace:
         """The configuration descriptor."""
-        return [fields for fields in dev.tree if fields.bDescriptorType == DescriptorType.CONFIGURATION][config]
+        return dev.parsed.head
 
     def get_interface_descriptor(self, dev: Attachment, intf: int, alt: int, config: int) -> SimpleNamespace:
         """The descriptor of an interface's setting."""
-        return dev.settings(intf)[alt]
+        return dev.parsed.settings(intf)[alt]
 
     def get_endpoint_descriptor(self, dev: Attachment, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
         """The descriptor of an interface's endpoint."""
-        endpoint = dev.tree[dev.tree.index(dev.settings(intf)[alt]) + 1 + ep]
-        return SimpleNamespace(**vars(endpoint), bRefresh=0, bSynchAddress=0)
+        return dev.parsed.endpoint(intf, alt, ep)
 
     def open_device(self, dev: Attachment) -> Handle:
         """A new handle."""
@@ -412,9 +397,3 @@ class EmulatorBackend(usb.backend.IBackend):
 
 def _stalled(what: str) -> NoReturn:
     raise USBError(f"Pipe error: {what}", None, errno.EPIPE)
-
-
-def _parsed(descriptor: Descriptor) -> SimpleNamespace:
-    """A descriptor in pyusb's form."""
-    size, kind = descriptor.encode()[:2]
-    return SimpleNamespace(bLength=size, bDescriptorType=kind, **vars(descriptor), extra_descriptors=array("B"))

@@ -17,10 +17,7 @@ from dataclasses import dataclass
 from ...protocol.board import CORE_HZ
 from ...protocol.codes import DescriptorType, StandardRequest
 from ...protocol.requests import DIRECTION_IN, Setup
-from .station import Station
-from .usb_bus import Peripheral, Transfer, TransferOutcome, UsbBus
-from .usb_conversation import UsbConversation
-from .usbip import (
+from ...protocol.usbip import (
     Export,
     Importing,
     ImportStatus,
@@ -34,6 +31,9 @@ from .usbip import (
     read_command,
     read_request,
 )
+from .station import Station
+from .usb_bus import Peripheral, Transfer, TransferOutcome, UsbBus
+from .usb_conversation import UsbConversation
 
 __all__ = ["Exported", "UsbIpSession"]
 

@@ -1,10 +1,11 @@
-"""Bulk transfers that libusb carries by itself, several at a time.
+"""Bulk transfers that a bus carries by itself, several at a time.
 
 A stream must not wait for the way there and back: while the device takes one transfer, the next must be there already.
 pyusb knows only calls that wait for their transfer. A second thread that makes such calls would not do, for nothing
 says which of two calls comes first. Another binding (python-libusb1) would have to open the device for itself, and a
 kernel lets one handle claim an interface. So libusb's own asynchronous functions are called here, some by ctypes, on
-the handle that pyusb has opened; libusb's structure of a transfer is part of its stable interface.
+the handle that pyusb has opened; libusb's structure of a transfer is part of its stable interface. Another bus derives
+from `Flight` (`usbip`).
 
 No Python runs within libusb, where an exception such as Ctrl-C would be lost: at the end of a transfer libusb calls a
 harmless function of its own, and the end is seen by the transfer's status.
@@ -15,16 +16,18 @@ from __future__ import annotations
 import ctypes
 import errno
 import time
+from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Iterable
 from ctypes import c_int, c_long, c_ubyte, c_uint, c_void_p
-from typing import Any
+from typing import Any, Protocol
 
 from usb.core import USBError
 
 from ...protocol.codes import BLOCK_BYTES
 from ...protocol.enumeration import ENDPOINT_IN, ENDPOINT_OUT
 
-__all__ = ["MOST_OUT", "Flight"]
+__all__ = ["MOST_OUT", "Flight", "FlightTransfer", "LibusbFlight"]
 
 MOST_OUT, MOST_IN = 8, 4
 """Transfers that are on their way at a time."""
@@ -100,6 +103,13 @@ class _Transfer:
             self.fields.status = CANCELLED
             raise USBError("a transfer cannot be submitted", code, CALL_ERRNOS.get(code))
 
+    def cancel(self) -> None:
+        self._library.cancel(self.raw)
+
+    @property
+    def left(self) -> int:
+        return int(self.fields.length - self.fields.actual_length)
+
     @property
     def received(self) -> bytes:
         return bytes(memoryview(self._buffer)[: self.fields.actual_length])
@@ -120,25 +130,51 @@ class _Transfer:
             self._library.free(self.raw)
 
 
-class Flight:
+class FlightTransfer(Protocol):
+    """One transfer of a flight."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended, well or not."""
+
+    @property
+    def received(self) -> bytes:
+        """Its data, if it goes to the host."""
+
+    @property
+    def left(self) -> int:
+        """How many of its bytes were not carried."""
+
+    def submit(self) -> None:
+        """Begin it, also again after its end."""
+
+    def cancel(self) -> None:
+        """Have it end soon."""
+
+    def check(self) -> None:
+        """Raise `USBError` if it did not end well."""
+
+    def free(self) -> None:
+        """Forget it; one that has not ended still belongs to the bus."""
+
+
+class Flight(ABC):
     """The bulk transfers of one device.
 
     Its methods raise pyusb's `USBError` if a transfer has failed, perhaps one that was begun earlier.
-
-    Parameters
-    ----------
-    path : str
-        Of libusb, as pyusb has loaded it.
-    context : pointer
-        Of libusb.
-    handle : pointer
-        Of the device, opened, with its interface claimed.
     """
 
-    def __init__(self, path: str, context: Any, handle: Any) -> None:
-        self._library, self._context, self._handle = _Library(path), context, handle
-        self._outs, self._ins = deque[_Transfer](), deque[_Transfer]()
+    def __init__(self) -> None:
+        self._outs, self._ins = deque[FlightTransfer](), deque[FlightTransfer]()
         self._records = bytearray()
+
+    @abstractmethod
+    def _make(self, endpoint: int, data: bytes | None) -> FlightTransfer:
+        """A transfer of data, or one for `READ_BYTES`."""
+
+    @abstractmethod
+    def _wait(self, seconds: float) -> None:
+        """Wait at most so long for some transfer to end."""
 
     def write(self, data: bytes, seconds: float) -> bool:
         """Begin a transfer, once there are fewer than `MOST_OUT`; whether that came in time."""
@@ -149,7 +185,7 @@ class Flight:
             if left < 0:
                 return False
             self._look(left)
-        transfer = _Transfer(self._library, self._handle, ENDPOINT_OUT, ctypes.c_char_p(data), len(data))
+        transfer = self._make(ENDPOINT_OUT, data)
         try:
             transfer.submit()
         except BaseException:
@@ -173,7 +209,7 @@ class Flight:
         outs = list(self._outs)
         self._cancel(reversed(outs))  # so that the device does not go on with the next
         self._outs.clear()
-        left: int = sum(each.fields.length - each.fields.actual_length for each in outs)
+        left = sum(each.left for each in outs)
         for each in outs:
             each.free()
         return left
@@ -190,11 +226,10 @@ class Flight:
     def _look(self, seconds: float) -> None:
         """Wait so long for a transfer to end, and see which have."""
         while len(self._ins) < MOST_IN:
-            buffer = (c_ubyte * READ_BYTES)()
-            transfer = _Transfer(self._library, self._handle, ENDPOINT_IN, buffer, READ_BYTES)
+            transfer = self._make(ENDPOINT_IN, None)
             transfer.submit()
             self._ins.append(transfer)
-        self._handle_events(seconds)
+        self._wait(seconds)
         while self._ins and self._ins[0].ended:
             transfer = self._ins.popleft()
             try:
@@ -212,16 +247,39 @@ class Flight:
             finally:
                 transfer.free()
 
-    def _handle_events(self, seconds: float) -> None:
+    def _cancel(self, transfers: Iterable[FlightTransfer]) -> None:
+        pending = [each for each in transfers if not each.ended]
+        for each in pending:
+            each.cancel()
+        end = time.monotonic() + END_SECONDS
+        while not all(each.ended for each in pending) and time.monotonic() < end:
+            self._wait(END_SECONDS / 10)
+
+
+class LibusbFlight(Flight):
+    """The bulk transfers of one device, by libusb.
+
+    Parameters
+    ----------
+    path : str
+        Of libusb, as pyusb has loaded it.
+    context : pointer
+        Of libusb.
+    handle : pointer
+        Of the device, opened, with its interface claimed.
+    """
+
+    def __init__(self, path: str, context: Any, handle: Any) -> None:
+        super().__init__()
+        self._library, self._context, self._handle = _Library(path), context, handle
+
+    def _make(self, endpoint: int, data: bytes | None) -> FlightTransfer:
+        if data is None:
+            return _Transfer(self._library, self._handle, endpoint, (c_ubyte * READ_BYTES)(), READ_BYTES)
+        return _Transfer(self._library, self._handle, endpoint, ctypes.c_char_p(data), len(data))
+
+    def _wait(self, seconds: float) -> None:
         whole, part = divmod(max(seconds, 0.0), 1)
         code = self._library.handle_events(self._context, ctypes.byref(_TimeValue(int(whole), int(part * 1e6))), None)
         if code not in (0, INTERRUPTED):
             raise USBError("libusb cannot wait for a transfer", code, CALL_ERRNOS.get(code))
-
-    def _cancel(self, transfers: Any) -> None:
-        pending = [each for each in transfers if not each.ended]
-        for each in pending:
-            self._library.cancel(each.raw)
-        end = time.monotonic() + END_SECONDS
-        while not all(each.ended for each in pending) and time.monotonic() < end:
-            self._handle_events(END_SECONDS / 10)

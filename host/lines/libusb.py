@@ -7,7 +7,7 @@ from typing import Any
 import libusb_package
 
 from ...errors import DeviceNotFoundError
-from .flight import Flight
+from .flight import LibusbFlight
 
 __all__ = ["open_backend"]
 
@@ -26,5 +26,5 @@ def open_backend(url: str) -> Any:
     if backend is None:
         raise DeviceNotFoundError(f"no device at {url!r}: libusb could not be loaded on this system")
     path = str(libusb_package.get_library_path())
-    backend.open_flight = lambda handle: Flight(path, backend.ctx, handle.handle)
+    backend.open_flight = lambda handle: LibusbFlight(path, backend.ctx, handle.handle)
     return backend

@@ -193,6 +193,7 @@ class UsbTransport:
             with suppress(usb.core.USBError):
                 flight.close()
         usb.util.dispose_resources(self._device)
+        self._bus.close()
 
 
 def _milliseconds(seconds: float) -> int:

@@ -2,9 +2,11 @@
 
 A bus is an entry point in the group ``phasewire.usb_backends``: a function ``(url) -> pyusb backend``. A backend whose
 devices do not live by the wall clock has a method ``time_of(address) -> Timekeeper``; one that carries transfers by
-itself has ``open_flight(handle)``, which gives something with the methods of `flight.Flight`. Nothing here asks a
-device for more than its descriptors. One of ours is known by the classes of its interfaces besides vendor and product
-(clauses USB-005 and USB-013), for these are a test pair that others use too.
+itself has ``open_flight(handle)``, which gives something with the methods of `flight.Flight`. One whose URLs name more
+than the device has that part as ``prefix`` and the rest as ``wanted``; one that may fail to reach devices says why in
+``trouble``; one that holds devices gives them back by ``close()``. Nothing here asks a device for more than its
+descriptors. One of ours is known by the classes of its interfaces besides vendor and product (clauses USB-005 and
+USB-013), for these are a test pair that others use too.
 """
 
 from __future__ import annotations
@@ -235,12 +237,6 @@ class UsbFinder:
 
     def __init__(self, url: str) -> None:
         self._url = url
-        self._scheme, _, rest = url.partition(":")
-        wanted = rest.partition("?")[0]
-        match = _WANTED.fullmatch(wanted)
-        assert match is not None  # for anything is a serial number
-        vendor, product, self._serial = match.group("vendor", "product", "serial")
-        self._vendor, self._product_id = (int(vendor, 16), int(product, 16)) if vendor else (VENDOR_ID, PRODUCT_ID)
         try:
             open_backend = load_by_scheme(BACKENDS, url)
         except DeviceNotFoundError as error:
@@ -248,13 +244,33 @@ class UsbFinder:
                 f"{url!r} is no device on a USB bus, and firmware goes over USB only; name it as usb: or usb:SERIAL"
             ) from error
         self._backend = open_backend(url)
+        scheme, _, rest = url.partition(":")
+        self._prefix: str = getattr(self._backend, "prefix", f"{scheme}:")
+        match = _WANTED.fullmatch(getattr(self._backend, "wanted", rest.partition("?")[0]))
+        assert match is not None  # for anything is a serial number
+        vendor, product, self._serial = match.group("vendor", "product", "serial")
+        self._vendor, self._product_id = (int(vendor, 16), int(product, 16)) if vendor else (VENDOR_ID, PRODUCT_ID)
 
     def look(self) -> list[Sighting]:
-        """Every device of ours that is there, in either mode; none of them is left open."""
+        """Every device of ours that is there, in either mode; none of them is left open.
+
+        Raises
+        ------
+        DeviceNotFoundError
+            If there is none, and the bus can say why.
+        """
         with translated(f"looking for {self._url!r}"):
             there = usb.core.find(find_all=True, backend=self._backend, idVendor=self._vendor)
             modes = [(device, self._mode(device)) for device in there]
-        return [self._sighting(device, mode) for device, mode in modes if mode is not None]
+        seen = [self._sighting(device, mode) for device, mode in modes if mode is not None]
+        if not seen and (trouble := getattr(self._backend, "trouble", "")):
+            raise DeviceNotFoundError(f"no device at {self._url!r}: {trouble}")
+        return seen
+
+    def close(self) -> None:
+        """Give devices back that the bus holds and no handle has open; the next look takes them again."""
+        if hasattr(self._backend, "close"):
+            self._backend.close()
 
     def _mode(self, device: usb.core.Device) -> DeviceMode | None:
         """The mode of a device of ours, by its interface: others may bear the same test numbers."""
@@ -292,7 +308,7 @@ class UsbFinder:
         """The URL that names a device."""
         usual = (self._vendor, self._product_id) == (VENDOR_ID, PRODUCT_ID)
         numbers = "" if usual and serial else f"{self._vendor:04x}:{self._product_id:04x}"
-        return f"{self._scheme}:{':'.join(filter(None, (numbers, serial)))}"
+        return self._prefix + ":".join(filter(None, (numbers, serial)))
 
     def sight(self, modes: Collection[DeviceMode] = ANY_MODE) -> Sighting:
         """The device that the URL names; it may have a problem.
@@ -339,7 +355,7 @@ class UsbFinder:
         end = known.time.monotonic() + seconds
         while True:
             there: list[Sighting] = []
-            with suppress(DeviceLostError, DeviceStalledError):  # it may leave while it is looked at
+            with suppress(DeviceLostError, DeviceStalledError, DeviceNotFoundError):  # it may leave meanwhile
                 there = self.look()
             for each in there:
                 if each.serial == known.serial and each.mode in modes:
@@ -443,7 +459,9 @@ def select(url: str, serial: str, found: Sequence[Found], modes: Collection[Devi
             "`phasewire flash` gives it firmware and starts it"
         )
     names = ", ".join(repr(each.serial) for each in there)
-    raise DeviceNotFoundError(f"no device at {url!r}: " + (f"there are {names}" if names else "nothing is plugged in"))
+    emulated = "; an Emulator answers in a with statement, or after its open()" if url.startswith("emulator:") else ""
+    found_names = f"there are {names}" if names else "nothing is plugged in"
+    raise DeviceNotFoundError(f"no device at {url!r}: {found_names}{emulated}")
 
 
 def _matching(serial: str, found: Sequence[Found]) -> list[Found]:

@@ -7,28 +7,22 @@ for new firmware, ends its connection: `follow` attaches it again.
 
 from __future__ import annotations
 
-import socket
-import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import DeviceAccessError, DeviceNotFoundError
+from ...protocol.usbip import PORT
 from .transport import Timekeeper
+from .usbip_link import take
 
 __all__ = ["CONTROLLER", "PORT", "Attached", "attach", "follow"]
 
-PORT = 3240
-"""The TCP port that is registered for USB/IP."""
 CONTROLLER = Path("/sys/devices/platform/vhci_hcd.0")
 """Where the kernel's module is told what to attach."""
 
-_VERSION, _IMPORT, _IMPORTED = 0x0111, 0x8003, 0x0003  # of the Linux kernel's Documentation/usb/usbip_protocol.rst
-_REQUEST, _REPLY, _DEVICE = struct.Struct(">HHI32s"), struct.Struct(">HHI"), struct.Struct(">256s32sIIIHHHBBBBBB")
-_REASONS = {2: "another client has it", 4: "there is no such device"}
 _SUPER_SPEED = 5
 _FREE = 4  # VDEV_ST_NULL
-_SECONDS = 10.0
 _LOOK_SECONDS = 0.05
 
 
@@ -76,24 +70,17 @@ def attach(host: str, port: int = PORT, bus_id: str = "1-1", controller: Path = 
     """
     if not controller.exists():
         raise DeviceNotFoundError(f"{controller} is missing: load the kernel's module by `modprobe vhci-hcd`, as root")
+    line, device = take(host, port, bus_id)
     try:
-        with socket.create_connection((host, port), timeout=_SECONDS) as line:
-            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            line.sendall(_REQUEST.pack(_VERSION, _IMPORT, 0, bus_id.encode()))
-            _, code, status = _REPLY.unpack(_receive(line, _REPLY.size))
-            if code != _IMPORTED or status:
-                reason = _REASONS.get(status, f"it answers {code:#06x}, status {status}")
-                raise DeviceNotFoundError(f"{host}:{port} does not give device {bus_id}: {reason}")
-            fields = _DEVICE.unpack(_receive(line, _DEVICE.size))
-            bus, number, speed, vendor, product = fields[2:7]
-            line.settimeout(None)  # the kernel takes the socket over
-            free = _free_port(controller, speed)
-            (controller / "attach").write_text(f"{free} {line.fileno()} {bus << 16 | number} {speed}\n")
+        with line:
+            free = _free_port(controller, device.speed)
+            order = f"{free} {line.fileno()} {device.device_id} {device.speed}\n"
+            (controller / "attach").write_text(order)  # the kernel takes the socket over
     except PermissionError as error:
         raise DeviceAccessError(f"{error.filename} cannot be written: attach devices as root") from error
-    except (OSError, EOFError) as error:
-        raise DeviceNotFoundError(f"the USB/IP server at {host}:{port} cannot be used: {error}") from error
-    return Attached(free, bus_id, vendor, product)
+    except OSError as error:
+        raise DeviceNotFoundError(f"{controller} does not take device {bus_id}: {error}") from error
+    return Attached(free, bus_id, device.vendor, device.product)
 
 
 def follow(
@@ -145,13 +132,3 @@ def _free_ports(controller: Path) -> dict[int, str]:
     """Ports to which nothing is attached, and the kind of hub of each."""
     rows = [line.split() for file in sorted(controller.glob("status*")) for line in file.read_text().splitlines()]
     return {int(row[1]): row[0] for row in rows if row[0] in ("hs", "ss") and int(row[2]) == _FREE}
-
-
-def _receive(line: socket.socket, count: int) -> bytes:
-    data = b""
-    while len(data) < count:
-        part = line.recv(count - len(data))
-        if not part:
-            raise EOFError("it has closed the connection")
-        data += part
-    return data

@@ -47,6 +47,7 @@ LINES: dict[str, Callable[[], AbstractContextManager[str]]] = {
     "usb-high-speed": partial(in_process, ""),
     "usb-full-speed": partial(in_process, "", speed=FULL_SPEED),
     "usb-2wire": partial(in_process, "", link=TWO_WIRE),
+    "usbip": partial(served, "usbip"),
     "uart-115200": partial(in_process, "?door=serial"),
     "uart-3M": partial(in_process, "?door=serial&baud=3000000"),
     "serial": partial(served, "serial"),
@@ -218,5 +219,5 @@ class TestEveryLine:
         assert opened.device.show(RAMP).sequence == 1  # after the one that began the session
 
 
-def test_a_line_of_this_package_tells_the_serial_number_only_if_it_leads_to_an_emulated_device(opened: Opened) -> None:
-    assert opened.url.startswith("emulator:") == bool(opened.device.serial)
+def test_a_line_of_this_package_tells_the_serial_number_only_by_usb_or_in_this_process(opened: Opened) -> None:
+    assert opened.url.startswith(("emulator:", "usbip:")) == bool(opened.device.serial)

@@ -171,6 +171,7 @@ class RawUsbLine:
             with suppress(usb.core.USBError, NotImplementedError):
                 self.device.attach_kernel_driver(number)
         usb.util.dispose_resources(self.device)
+        self._bus.close()
 
     # Methods of USB alone
 

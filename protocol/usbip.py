@@ -1,8 +1,10 @@
-"""USB/IP as bytes: a client's requests, and a server's answers (protocol version 1.1.1).
+"""USB/IP as bytes: a client's requests and a server's answers, for both sides (protocol version 1.1.1).
 
 The layouts are those of the Linux kernel's Documentation/usb/usbip_protocol.rst; every number in them is big-endian,
 except in the eight bytes of a setup stage. A connection begins with one request: for the list of devices, which ends
-it, or for a device, after which commands follow. This module knows neither sockets nor devices.
+it, or for a device, after which commands follow. This module knows neither sockets nor devices. Its functions that
+read take a buffer that may hold only the beginning of a message, and return the message and its length in bytes, or
+None if more bytes must come first.
 """
 
 from __future__ import annotations
@@ -12,24 +14,32 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
-from ...protocol.descriptors import Configuration, Interface, descriptors
-from ...protocol.enumeration import HIGH_SPEED, Enumeration, Speed
-from ...protocol.requests import DIRECTION_IN, Setup
+from .descriptors import Configuration, Interface, descriptors
+from .enumeration import HIGH_SPEED, Enumeration, Speed
+from .requests import DIRECTION_IN, Setup
 
 __all__ = [
+    "ANSWER_BYTES",
     "MOST_URB_BYTES",
     "PORT",
+    "Answer",
     "Export",
     "ImportStatus",
     "Importing",
     "Listing",
+    "Offer",
     "Submit",
     "Unlink",
+    "encode_command",
     "encode_import",
     "encode_list",
+    "encode_request",
     "encode_submitted",
     "encode_unlinked",
+    "read_answer",
     "read_command",
+    "read_import",
+    "read_list",
     "read_request",
 ]
 
@@ -53,6 +63,8 @@ _SUBMIT_REST = struct.Struct(">4Ii8s")
 _SUBMITTED_REST = struct.Struct(">iIII12x")
 _UNLINKED_REST = struct.Struct(">i24x")
 _COMMAND_BYTES = _COMMAND.size + _SUBMIT_REST.size
+ANSWER_BYTES = _COMMAND.size + _SUBMITTED_REST.size
+"""The length of an answer to a command, without the data after it."""
 _DIRECTION_IN = 1
 _HIGHEST_ENDPOINT = 15
 _SHORT_NOT_OK, _ZERO_PACKET = 0x0001, 0x0040  # flags of a transfer
@@ -100,6 +112,58 @@ class Export(NamedTuple):
         return self.bus << 16 | self.number
 
 
+class Offer(NamedTuple):
+    """A device as a client reads of it.
+
+    Parameters
+    ----------
+    bus_id : str
+        The name by which it is requested.
+    bus, number : int
+        Numbers of the bus, and of the device on it.
+    speed : int
+        Linux's number of its speed.
+    vendor, product : int
+        Its numbers.
+    interfaces : tuple of (int, int, int)
+        Class, subclass and protocol of each interface; only a list tells them.
+    """
+
+    bus_id: str
+    bus: int
+    number: int
+    speed: int
+    vendor: int
+    product: int
+    interfaces: tuple[tuple[int, int, int], ...] = ()
+
+    @property
+    def device_id(self) -> int:
+        """Its number in commands."""
+        return self.bus << 16 | self.number
+
+
+class Answer(NamedTuple):
+    """The answer to a command, without its data.
+
+    Parameters
+    ----------
+    unlinked : bool
+        Whether it answers `Unlink`.
+    number : int
+        That of the command.
+    status : int
+        0, or the negative number of an error of Linux.
+    actual : int
+        Number of bytes sent or received; the received ones follow.
+    """
+
+    unlinked: bool
+    number: int
+    status: int
+    actual: int
+
+
 class Listing(NamedTuple):
     """The request for the list of devices."""
 
@@ -133,6 +197,8 @@ class Submit(NamedTuple):
         The setup stage of a control transfer; unused for others.
     data : bytes
         The data to send.
+    interval : int
+        Of an interrupt endpoint, in frames or microframes; 0 for others.
     """
 
     number: int
@@ -145,6 +211,7 @@ class Submit(NamedTuple):
     packets: int
     setup: Setup
     data: bytes
+    interval: int = 0
 
 
 class Unlink(NamedTuple):
@@ -201,7 +268,7 @@ def read_command(buffer: bytes | bytearray) -> tuple[Submit | Unlink, int] | Non
     if len(buffer) < _COMMAND_BYTES:
         return None
     code, number, device_id, direction, endpoint = _COMMAND.unpack_from(buffer)
-    flags, length, start_frame, packets, _, setup = _SUBMIT_REST.unpack_from(buffer, _COMMAND.size)
+    flags, length, start_frame, packets, interval, setup = _SUBMIT_REST.unpack_from(buffer, _COMMAND.size)
     if code == _UNLINK:
         return Unlink(number, device_id, target=flags), _COMMAND_BYTES
     if code != _SUBMIT:
@@ -229,6 +296,7 @@ def read_command(buffer: bytes | bytearray) -> tuple[Submit | Unlink, int] | Non
         packets,
         Setup.decode(setup),
         data,
+        interval,
     )
     return submit, end
 
@@ -298,3 +366,79 @@ def _interfaces(export: Export) -> bytes:
     return b"".join(
         bytes([each.bInterfaceClass, each.bInterfaceSubClass, each.bInterfaceProtocol, 0]) for each in found
     )
+
+
+def encode_request(request: Listing | Importing) -> bytes:
+    """The beginning of a connection."""
+    if isinstance(request, Listing):
+        return _REQUEST_HEADER.pack(_VERSION, _REQUEST_LIST, 0)
+    head = _REQUEST_HEADER.pack(_VERSION, _REQUEST_IMPORT, 0)
+    return head + request.bus_id.encode().ljust(_BUS_ID_BYTES, b"\0")
+
+
+def read_list(buffer: bytes | bytearray) -> tuple[list[Offer], int] | None:
+    """Read the answer to `Listing`; raises `ValueError` if the bytes are not one."""
+    if not _is_reply(buffer, _REPLY_LIST) or len(buffer) < _REQUEST_HEADER.size + 4:
+        return None
+    (count,) = struct.unpack_from(">I", buffer, _REQUEST_HEADER.size)
+    offers, at = list[Offer](), _REQUEST_HEADER.size + 4
+    for _ in range(count):
+        if len(buffer) < at + _DEVICE.size:
+            return None
+        offer, interfaces = _read_device(buffer, at)
+        at, start = at + _DEVICE.size + 4 * interfaces, at + _DEVICE.size
+        if len(buffer) < at:
+            return None
+        classes = tuple((buffer[each], buffer[each + 1], buffer[each + 2]) for each in range(start, at, 4))
+        offers.append(offer._replace(interfaces=classes))
+    return offers, at
+
+
+def read_import(buffer: bytes | bytearray) -> tuple[Offer | int, int] | None:
+    """Read the answer to `Importing`: the device, or the status of a refusal; raises `ValueError` as `read_list`."""
+    if not _is_reply(buffer, _REPLY_IMPORT):
+        return None
+    *_, status = _REQUEST_HEADER.unpack_from(buffer)
+    if status:
+        return int(status), _REQUEST_HEADER.size
+    end = _REQUEST_HEADER.size + _DEVICE.size
+    return None if len(buffer) < end else (_read_device(buffer, _REQUEST_HEADER.size)[0], end)
+
+
+def encode_command(command: Submit | Unlink) -> bytes:
+    """A command of a client that has a device."""
+    if isinstance(command, Unlink):
+        return _COMMAND.pack(_UNLINK, command.number, command.device_id, 0, 0) + struct.pack(">I24x", command.target)
+    is_in, endpoint = bool(command.endpoint & DIRECTION_IN), command.endpoint & ~DIRECTION_IN
+    flags = _ZERO_PACKET * command.zero_packet | _SHORT_NOT_OK * command.short_not_ok
+    head = _COMMAND.pack(_SUBMIT, command.number, command.device_id, is_in, endpoint)
+    rest = flags, command.length, command.start_frame, command.packets, command.interval, command.setup.encode()
+    return head + _SUBMIT_REST.pack(*rest) + command.data
+
+
+def read_answer(buffer: bytes | bytearray) -> Answer | None:
+    """Read an answer to a command, of `ANSWER_BYTES`; raises `ValueError` if the bytes are not one."""
+    if len(buffer) < ANSWER_BYTES:
+        return None
+    code, number, *_ = _COMMAND.unpack_from(buffer)
+    if code not in (_SUBMITTED, _UNLINKED):
+        raise ValueError(f"answer {code}; there are {_SUBMITTED} and {_UNLINKED}")
+    status, actual, *_ = _SUBMITTED_REST.unpack_from(buffer, _COMMAND.size)
+    return Answer(code == _UNLINKED, number, status, 0 if code == _UNLINKED else actual)
+
+
+def _is_reply(buffer: bytes | bytearray, wanted: int) -> bool:
+    """Whether the head of a reply is there; raises `ValueError` if it is that of anything else."""
+    if len(buffer) < _REQUEST_HEADER.size:
+        return False
+    version, code, _ = _REQUEST_HEADER.unpack_from(buffer)
+    if (version, code) != (_VERSION, wanted):
+        raise ValueError(f"{bytes(buffer[:4]).hex()}, no reply {wanted:#06x} of USB/IP {_VERSION:#06x}")
+    return True
+
+
+def _read_device(buffer: bytes | bytearray, at: int) -> tuple[Offer, int]:
+    """A device, and its number of interfaces."""
+    _, bus_id, bus, number, speed, vendor, product, *_, interfaces = _DEVICE.unpack_from(buffer, at)
+    name = bus_id.partition(b"\0")[0].decode("ascii", "replace")
+    return Offer(name, bus, number, speed, vendor, product), interfaces

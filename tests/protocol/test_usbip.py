@@ -3,27 +3,36 @@
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.doors.usbip import (
+from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, run_time
+from phasewire.protocol.requests import Setup
+from phasewire.protocol.usbip import (
+    ANSWER_BYTES,
     MOST_URB_BYTES,
+    Answer,
     Export,
     Importing,
     ImportStatus,
     Listing,
+    Offer,
     Submit,
     Unlink,
+    encode_command,
     encode_import,
     encode_list,
+    encode_request,
     encode_submitted,
     encode_unlinked,
+    read_answer,
     read_command,
+    read_import,
+    read_list,
     read_request,
 )
-from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, run_time
-from phasewire.protocol.requests import Setup
 
 # The capture at the end of the document: interrupt transfers of 64 bytes, in and out.
 COMMAND_IN = bytes.fromhex(
@@ -155,9 +164,81 @@ def test_devices_are_listed_as_the_document_says() -> None:
     assert answer[12 + one : 12 + one + 0x138] == encode_import(ImportStatus.OK, second)[8:]
 
 
+# The client's side
+
+
+def test_a_client_s_commands_are_those_of_the_document() -> None:
+    for data in (COMMAND_OUT + DATA_OUT, COMMAND_IN):
+        command = submit(data)
+        assert command.interval == 4
+        expected = bytearray(data)
+        expected[20:24] = bytes(4)  # a flag that only tells the direction once more
+        assert encode_command(command) == expected
+    unlink = bytes.fromhex("00000002 00000d07 0001000f 00000000 00000000 00000d05") + bytes(24)
+    assert encode_command(Unlink(0xD07, 0x1000F, 0xD05)) == unlink
+
+
+def test_a_client_s_answers_are_those_of_the_document() -> None:
+    assert read_answer(ANSWER_IN + DATA_IN) == Answer(False, 0xD05, 0, 64)
+    assert read_answer(ANSWER_OUT) == Answer(False, 0xD06, 0, 64)
+    assert read_answer(bytes.fromhex("00000004 00000d07" + "00" * 12 + "ffffff98") + bytes(24)) == Answer(
+        True, 0xD07, -104, 0
+    )
+    assert all(read_answer(ANSWER_IN[:count]) is None for count in range(ANSWER_BYTES))
+    with pytest.raises(ValueError, match="answer 1; there are 3 and 4"):
+        read_answer(COMMAND_IN)
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 15) | st.integers(0x80, 0x8F),
+    st.booleans(),
+    st.booleans(),
+    st.binary(max_size=64),
+    st.binary(min_size=8, max_size=8),
+)
+def test_a_server_reads_what_a_client_writes(
+    number: int, endpoint: int, zero_packet: bool, short_not_ok: bool, data: bytes, setup: bytes
+) -> None:
+    is_in = endpoint >= 0x80
+    sent = Submit(
+        number,
+        0x10002,
+        endpoint,
+        zero_packet,
+        short_not_ok,
+        100 if is_in else len(data),
+        0,
+        0,
+        Setup.decode(setup),
+        b"" if is_in else data,
+        1,
+    )
+    whole = encode_command(sent)
+    assert read_command(whole + b"more") == (sent, len(whole))
+    for request in (Listing(), Importing("3-2.1")):
+        assert read_request(encode_request(request)) == (request, len(encode_request(request)))
+
+
+def test_offers_are_read_as_the_document_describes_them() -> None:
+    offer = Offer("1-2", 1, 2, 3, 0x1209, 0x0001)
+    assert offer.device_id == EXPORT.device_id
+    whole = encode_import(ImportStatus.OK, EXPORT)
+    assert read_import(whole + b"more") == (offer, len(whole))
+    assert read_import(encode_import(ImportStatus.BUSY)) == (2, 8)
+    classes = ((0xFF, 0x50, 1), (2, 2, 0), (0x0A, 0, 0), (0xFE, 1, 1))
+    whole = encode_list([EXPORT, EXPORT._replace(number=3)])
+    offers = [offer._replace(interfaces=classes), offer._replace(bus_id="1-3", number=3, interfaces=classes)]
+    assert read_list(whole + b"more") == (offers, len(whole))
+    assert read_list(encode_list([])) == ([], 12)
+    assert all(read_list(whole[:count]) is None for count in range(len(whole)))
+
+
 @given(st.binary(max_size=200))
 def test_any_bytes_are_read_or_refused(data: bytes) -> None:
-    for read in (read_request, read_command):
+    with suppress(ValueError):
+        assert (read_answer(data) is None) == (len(data) < ANSWER_BYTES)
+    for read in (read_request, read_command, read_list, read_import):
         try:
             found = read(data)
         except ValueError:
