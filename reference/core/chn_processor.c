@@ -15,7 +15,7 @@ void pw_processor_begin(struct pw_processor *self, const uint8_t firmware[3], co
     memcpy(self->firmware, firmware, 3);
     memcpy(self->unique_id, unique_id, 8);
     self->number = PW_NO_NUMBER;
-    self->sample = UNMODULATED;
+    self->plays.sample = UNMODULATED;
     self->temperature_c = 30;
 }
 
@@ -122,8 +122,8 @@ static size_t answer_playing(const struct pw_processor *self, uint8_t *answer)
 {
     struct pw_playing playing;
     playing.processor = self->number;
-    playing.period = self->since;
-    memcpy(playing.pulses, self->slice, PW_SLICE);
+    playing.period = self->plays.since;
+    memcpy(playing.pulses, self->plays.slice, PW_SLICE);
     return pw_playing_put(answer, &playing);
 }
 
@@ -184,57 +184,57 @@ size_t pw_processor_message(struct pw_processor *self, uint8_t channel_end, cons
 
 static void show(struct pw_processor *self, const uint8_t *slice)
 {
-    memcpy(self->slice, slice, PW_SLICE);
-    self->since = self->period;
+    memcpy(self->plays.slice, slice, PW_SLICE);
+    self->plays.since = self->period;
     self->stale = true;
 }
 
 static void show_silence(struct pw_processor *self)
 {
     static const uint8_t silence[PW_SLICE] = {0};
-    self->sequence = false;
+    self->plays.sequence = false;
     show(self, silence);
 }
 
 static uint8_t *entry_at(struct pw_processor *self, uint32_t item)
 {
-    return self->entries[self->sequence_program.first + item];
+    return self->entries[self->plays.sequence_program.first + item];
 }
 
 static void show_entry(struct pw_processor *self)
 {
-    const uint8_t *entry = entry_at(self, self->sequence_item);
-    self->sequence_left = pw_get16(entry + 2);
+    const uint8_t *entry = entry_at(self, self->plays.sequence_item);
+    self->plays.sequence_left = pw_get16(entry + 2);
     show(self, self->slots[pw_get16(entry)]);
 }
 
 static void begin_sequence(struct pw_processor *self, const struct pw_program *program)
 {
     if (program->count == 0u) {
-        if (self->sequence) {
+        if (self->plays.sequence) {
             show_silence(self);
         }
         return;
     }
-    self->sequence = true;
-    self->sequence_program = *program;
-    self->sequence_item = 0;
-    self->sequence_repeat = 0;
+    self->plays.sequence = true;
+    self->plays.sequence_program = *program;
+    self->plays.sequence_item = 0;
+    self->plays.sequence_repeat = 0;
     show_entry(self);
 }
 
 /* One period of the sequence is over. */
 static void step_sequence(struct pw_processor *self)
 {
-    self->sequence_left--;
-    if (self->sequence_left != 0u) {
+    self->plays.sequence_left--;
+    if (self->plays.sequence_left != 0u) {
         return;
     }
-    self->sequence_item++;
-    if (self->sequence_item == self->sequence_program.count) {
-        self->sequence_item = 0;
-        self->sequence_repeat++;
-        if (self->sequence_program.repeats != 0u && self->sequence_repeat == self->sequence_program.repeats) {
+    self->plays.sequence_item++;
+    if (self->plays.sequence_item == self->plays.sequence_program.count) {
+        self->plays.sequence_item = 0;
+        self->plays.sequence_repeat++;
+        if (self->plays.sequence_program.repeats != 0u && self->plays.sequence_repeat == self->plays.sequence_program.repeats) {
             show_silence(self);
             return;
         }
@@ -244,29 +244,29 @@ static void step_sequence(struct pw_processor *self)
 
 static void use_sample(struct pw_processor *self, uint8_t sample)
 {
-    if (sample != self->sample) {
-        self->sample = sample;
+    if (sample != self->plays.sample) {
+        self->plays.sample = sample;
         self->stale = true;
     }
 }
 
 static void begin_modulation(struct pw_processor *self, const struct pw_program *program)
 {
-    self->modulation = program->count != 0u;
-    self->modulation_program = *program;
-    self->modulation_item = 0;
-    self->modulation_left = program->hold;
-    use_sample(self, self->modulation ? self->samples[program->first] : UNMODULATED);
+    self->plays.modulation = program->count != 0u;
+    self->plays.modulation_program = *program;
+    self->plays.modulation_item = 0;
+    self->plays.modulation_left = program->hold;
+    use_sample(self, self->plays.modulation ? self->samples[program->first] : UNMODULATED);
 }
 
 /* One period of the modulation is over. */
 static void step_modulation(struct pw_processor *self)
 {
-    self->modulation_left--;
-    if (self->modulation_left == 0u) {
-        self->modulation_left = self->modulation_program.hold;
-        self->modulation_item = (self->modulation_item + 1u) % self->modulation_program.count;
-        use_sample(self, self->samples[self->modulation_program.first + self->modulation_item]);
+    self->plays.modulation_left--;
+    if (self->plays.modulation_left == 0u) {
+        self->plays.modulation_left = self->plays.modulation_program.hold;
+        self->plays.modulation_item = (self->plays.modulation_item + 1u) % self->plays.modulation_program.count;
+        use_sample(self, self->samples[self->plays.modulation_program.first + self->plays.modulation_item]);
     }
 }
 
@@ -281,7 +281,7 @@ static void begin_what_waits(struct pw_processor *self)
 {
     const bool commits = self->waits && self->waits_period == self->period;
     const bool sequence = program_begins(self, SEQUENCE);
-    if (self->sequence) {
+    if (self->plays.sequence) {
         step_sequence(self);
     }
     /* For the same period they take effect in the order in which they came (CHN-014). */
@@ -290,7 +290,7 @@ static void begin_what_waits(struct pw_processor *self)
     }
     if (commits) {
         self->waits = false;
-        self->sequence = false;
+        self->plays.sequence = false;
         show(self, self->waits_slice);
     }
     if (sequence && !self->commit_came_last) {
@@ -298,7 +298,7 @@ static void begin_what_waits(struct pw_processor *self)
     }
     if (program_begins(self, MODULATION)) {
         begin_modulation(self, &self->program[MODULATION]);
-    } else if (self->modulation) {
+    } else if (self->plays.modulation) {
         step_modulation(self);
     } else {
         /* Nothing modulates. */
@@ -312,9 +312,9 @@ static void fall_silent(struct pw_processor *self)
     self->waits = false;
     self->program_waits[SEQUENCE] = false;
     self->program_waits[MODULATION] = false;
-    self->modulation = false;
+    self->plays.modulation = false;
     use_sample(self, UNMODULATED);
-    if (self->sequence || !pw_all_zero(self->slice, PW_SLICE)) {
+    if (self->plays.sequence || !pw_all_zero(self->plays.slice, PW_SLICE)) {
         show_silence(self);
     }
 }
@@ -341,7 +341,7 @@ bool pw_processor_period(struct pw_processor *self, uint64_t period)
         self->event_faults |= PW_FAULT_CHAIN;
     }
     if (self->stale) {
-        pw_rasterise(self->slice, self->sample, self->words);
+        pw_rasterise(self->plays.slice, self->plays.sample, self->words);
     }
     return self->stale;
 }

@@ -8,6 +8,19 @@
 
 #define PW_NO_NUMBER 0xFFu
 
+/* What plays. */
+struct pw_play {
+    uint64_t since; /* the period from which these pulses play */
+    uint8_t slice[PW_SLICE];
+    bool sequence; /* whether it is a sequence */
+    struct pw_program sequence_program;
+    uint32_t sequence_item, sequence_repeat, sequence_left;
+    bool modulation;
+    struct pw_program modulation_program;
+    uint32_t modulation_item, modulation_left;
+    uint8_t sample;
+};
+
 struct pw_processor {
     /* What it is. */
     uint8_t firmware[3];
@@ -24,17 +37,11 @@ struct pw_processor {
     bool program_waits[2];
     struct pw_program program[2];
     bool commit_came_last;
-    /* What plays. */
-    uint64_t period; /* that has begun */
-    uint64_t since; /* from which these pulses play */
-    uint8_t slice[PW_SLICE];
-    bool sequence; /* whether it is a sequence */
-    struct pw_program sequence_program;
-    uint32_t sequence_item, sequence_repeat, sequence_left;
-    bool modulation;
-    struct pw_program modulation_program;
-    uint32_t modulation_item, modulation_left;
-    uint8_t sample;
+    /* What plays in the period that has begun, and what would without the changes that began with it. */
+    uint64_t period;
+    uint8_t began;        /* changes that began with it */
+    bool commit_began;    /* one of them was a commit */
+    struct pw_play plays, before;
     /* Stores. */
     uint8_t slots[PW_SLOTS][PW_SLICE];
     uint8_t entries[PW_ENTRIES][4];
@@ -47,9 +54,10 @@ struct pw_processor {
     /* Time. */
     uint64_t last_collect; /* period */
     bool synced;
-    uint64_t last_sync; /* tick */
-    /* Words of the port, and whether they are those of the period before. */
+    uint64_t last_sync; /* tick at which the last pulse of the sync line was due */
+    /* Words of the port, and whether they differ from those of the period before. */
     bool stale;
+    bool again; /* they were not ready: make them anew in the next period */
     uint32_t words[PW_TICKS];
 };
 
@@ -60,6 +68,11 @@ size_t pw_processor_message(struct pw_processor *self, uint8_t channel_end, cons
                             uint8_t answer[PW_MESSAGE]);
 /* A period begins. Returns whether its words differ from those of the period before. */
 bool pw_processor_period(struct pw_processor *self, uint64_t period);
+/* The words of the period that has begun could not be ready: the port plays those of the period before (SAF-008). Not
+   for words that are all 0, which a port needs not wait for. Call it before the next message and the next period. */
+void pw_processor_overrun(struct pw_processor *self);
+/* What the board measures: its temperature, and the supply of its output amplifiers (SAF-008). */
+void pw_processor_sensors(struct pw_processor *self, int8_t temperature_c, uint16_t supply_mv);
 /* A pulse on the sync line, at a tick of this processor's own count; the first one is at tick 0 (CHN-027). */
 void pw_processor_sync(struct pw_processor *self, uint64_t tick);
 

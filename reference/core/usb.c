@@ -34,30 +34,15 @@ static const uint8_t FIRST_CODING[PW_USB_LINE_CODING] = {0x00, 0xC2, 0x01, 0x00,
 
 /* Resets ------------------------------------------------------------------------------------------------------- */
 
-/* What had arrived whole is carried out (SER-010), but its answers have no reader. */
-static void finish_text(struct pw_usb *usb)
-{
-    uint8_t unread[PW_USB_FULL_SPEED_PACKET];
-    uint16_t before = 0;
-    size_t sent = 0;
-    pw_usb_push_text(usb);
-    while (usb->text_size != 0u && (sent != 0u || usb->text_size != before)) {
-        before = usb->text_size;
-        sent = pw_line_send(usb->line, usb->device, unread, sizeof unread);
-        pw_usb_push_text(usb);
-    }
-    usb->text_size = 0;
-}
-
 static void hang_up(struct pw_usb *usb)
 {
-    finish_text(usb);
-    usb->text_owes_empty = false;
-    usb->dtr = false;
     if (usb->line != NULL) {
         usb->line->may_text = false;
-        pw_line_hang_up(usb->line, usb->device);
+        pw_line_finish(usb->line, usb->device, usb->text + usb->text_at, usb->text_size);
     }
+    usb->text_size = 0;
+    usb->text_owes_empty = false;
+    usb->dtr = false;
 }
 
 /* Drop the records that wait here, and the one that the device keeps for this door. */

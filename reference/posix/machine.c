@@ -264,7 +264,7 @@ uint64_t machine_due(const struct machine *self)
         return PW_NEVER;
     }
     if (self->mode == MACHINE_RUNS) {
-        return pw_device_due(&self->device);
+        return earlier(pw_device_due(&self->device), self->usbip == NULL ? PW_NEVER : usbip_due(self->usbip));
     }
     return self->mode == MACHINE_OFF ? self->back_at : pw_dfu_due(&self->dfu);
 }
@@ -289,7 +289,7 @@ static void step_device(struct machine *self)
         machine_record(self);
         chain_period(&self->chain);
     }
-    if (pw_device_due(&self->device) <= self->tick) {
+    if (machine_due(self) <= self->tick) {
         pw_device_poll(&self->device);
         chain_deliver(&self->chain, &self->device);
         poll_doors(self);

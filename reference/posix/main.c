@@ -190,8 +190,10 @@ static bool open_doors(struct machine *machine, const struct options *options)
     machine->usbip = usbip_open(ADDRESS, (uint16_t)options->usbip, &machine->usb, BUS_ID);
     if (machine->usbip == NULL) {
         fprintf(stderr, "phasewire-reference: usbip %ld: %s\n", options->usbip, strerror(errno));
+        return false;
     }
-    return machine->usbip != NULL;
+    usbip_clock(machine->usbip, &machine->tick);
+    return true;
 }
 
 static void print_text(const char *text)

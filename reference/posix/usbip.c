@@ -13,6 +13,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "ser.h"
 #include "usbip_device.h"
 #include "usbip_urbs.h"
 
@@ -380,6 +381,16 @@ int usbip_fds(const struct usbip *server, struct pollfd *fds)
     return count;
 }
 
+void usbip_clock(struct usbip *server, const uint64_t *tick)
+{
+    server->urbs.tick = tick;
+}
+
+uint64_t usbip_due(const struct usbip *server)
+{
+    return server->client < 0 ? PW_NEVER : urbs_due(&server->urbs);
+}
+
 void usbip_work(struct usbip *server)
 {
     if (server->usb->attached) {
@@ -397,9 +408,11 @@ void usbip_work(struct usbip *server)
         unplug(server);
         return;
     }
-    /* REQ-013: it leaves once RESET has been answered, so no request behind that one meets the device as it was. */
+    /* REQ-013: it leaves once RESET has been answered, also on the console's line, so that no request behind that one
+       meets the device as it was. If the answer is not read, the device leaves in its own time. */
     const enum pw_leave leave = usbip_leaves(server->usb);
-    if ((leave == PW_LEAVE_RESET || leave == PW_LEAVE_REVERT) && server->urbs.out_used == 0u) {
+    const bool answered = server->urbs.out_used == 0u && (server->usb->line == NULL || pw_line_idle(server->usb->line));
+    if ((leave == PW_LEAVE_RESET || leave == PW_LEAVE_REVERT) && answered) {
         usbip_leave(server);
     }
 }

@@ -17,6 +17,10 @@ struct usbip;
    usb->attached: from pw_usb_begin until usbip_leave. So usb has to be begun, or all zero. */
 struct usbip *usbip_open(const char *address, uint16_t port, struct pw_usb *usb, const char *bus_id);
 int usbip_port(const struct usbip *server);
+/* Let packets of blocks take their time on the bus, by the tick that it is. */
+void usbip_clock(struct usbip *server, const uint64_t *tick);
+/* The tick at which the bus can carry the next of them; PW_NEVER if none waits for that. */
+uint64_t usbip_due(const struct usbip *server);
 /* What to wait for; returns how many of the USBIP_FDS it wrote. */
 int usbip_fds(const struct usbip *server, struct pollfd *fds);
 /* Accept, read commands, carry out what can be carried out now, write answers. Call it after poll(). */

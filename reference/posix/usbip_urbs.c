@@ -13,6 +13,11 @@ enum { RET_SUBMIT = 3, RET_UNLINK = 4 };
 #define ROUNDS_AT_ONCE 64u          /* before the caller has its turn */
 #define GET_DESCRIPTOR 6u
 #define DEVICE 0x0100u
+/* 13 packets of 512 bytes fit a microframe of 250 ticks, and 19 of 64 a frame of 2000 (USB-010, BUD-003). */
+#define BUS_PARTS (13u * 19u)
+#define HIGH_SPEED_PACKET (250u * 19u)
+#define FULL_SPEED_PACKET (2000u * 13u)
+#define BLOCKS_QUEUE 1u
 
 uint32_t usbip_get32(const uint8_t *at)
 {
@@ -90,8 +95,10 @@ static void answer_unlink(struct urbs *urbs, uint32_t number, int status)
 
 void urbs_begin(struct urbs *urbs, struct pw_usb *usb)
 {
+    const uint64_t *tick = urbs->tick;
     memset(urbs, 0, sizeof *urbs);
     urbs->usb = usb;
+    urbs->tick = tick;
 }
 
 void urbs_free(struct urb *urb)
@@ -313,8 +320,33 @@ static bool make_room(struct urbs *urbs, struct urb *urb, uint32_t size)
     return true;
 }
 
+static bool bus_is_busy(const struct urbs *urbs)
+{
+    return urbs->tick != NULL && urbs->bus_free > *urbs->tick * BUS_PARTS;
+}
+
+/* A packet has gone over the bus. */
+static void use_bus(struct urbs *urbs)
+{
+    if (urbs->tick != NULL) {
+        const uint64_t now = *urbs->tick * BUS_PARTS;
+        urbs->bus_free = urbs->bus_free < now ? now : urbs->bus_free;
+        urbs->bus_free += urbs->usb->high_speed ? HIGH_SPEED_PACKET : FULL_SPEED_PACKET;
+    }
+}
+
+uint64_t urbs_due(const struct urbs *urbs)
+{
+    const bool waits = urbs->first[BLOCKS_QUEUE] != NULL && bus_is_busy(urbs);
+    return waits ? (urbs->bus_free + BUS_PARTS - 1u) / BUS_PARTS : PW_NEVER;
+}
+
 static bool work_out(struct urbs *urbs, struct urb *urb)
 {
+    const bool blocks = urb->endpoint == PW_USB_BLOCKS;
+    if (blocks && bus_is_busy(urbs)) {
+        return false;
+    }
     const uint32_t packet = (uint32_t)pw_usb_packet(urbs->usb);
     const uint32_t left = urb->size - urb->done;
     const uint32_t size = left < packet ? left : packet;
@@ -326,6 +358,9 @@ static bool work_out(struct urbs *urbs, struct urb *urb)
     if (answer == PW_USB_STALLED) {
         complete(urbs, urb, USBIP_EPIPE);
         return true;
+    }
+    if (blocks) {
+        use_bus(urbs);
     }
     urb->done += size;
     urb->packets--;

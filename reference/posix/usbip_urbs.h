@@ -45,6 +45,9 @@ struct urbs {
     bool asked_64;       /* half of what a port reset looks like */
     bool more;           /* something could be done at once */
     bool failed;         /* out of memory: the connection is to be ended */
+    /* The time that packets of blocks take on the bus. */
+    const uint64_t *tick; /* that it is; NULL: they take none */
+    uint64_t bus_free;    /* when the bus is free for the next one, in BUS_PARTS of a tick */
     /* Answers that are to be sent. */
     uint8_t *out;
     size_t out_first, out_used, out_room;
@@ -57,6 +60,8 @@ struct urb *urbs_new(struct urbs *urbs, const uint8_t header[USBIP_HEADER]);
 void urbs_submit(struct urbs *urbs, struct urb *urb);
 void urbs_unlink(struct urbs *urbs, const uint8_t header[USBIP_HEADER]);
 void urbs_carry_out(struct urbs *urbs);
+/* The tick at which the bus can carry the next packet of a block; PW_NEVER if none waits for the bus. */
+uint64_t urbs_due(const struct urbs *urbs);
 void urbs_free(struct urb *urb);
 void urbs_clear(struct urbs *urbs);
 

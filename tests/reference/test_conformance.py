@@ -1,0 +1,110 @@
+"""The conformance suite judges the reference device: in virtual time through the library, and the port for POSIX as it runs.
+
+Nothing may fail, and what cannot be judged has one of the reasons given here.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.reference.conftest import BUILD_SECONDS, REFERENCE
+
+ALLOWED = [word for risk in ("reset", "flash", "drive") for word in ("--allow", risk)]
+SUITE_SECONDS = 1200
+DEVICE_SECONDS = 60
+
+ON_ANY_LINE = (
+    "it needs a second device",
+    "needs a second device",
+    "the device has been on for too short a time",
+    "only at full speed can",
+    "this applies to",
+    "this line has no connection to close",
+)
+WITHOUT_LEVERS = ("needs faults", "needs power", "needs suspension", "needs the cable", "needs a host", "needs ")
+SERIAL = ("not on this line", "this line is slower", "the line is so slow", "the line is too slow", "a serial line cannot")
+
+
+def suite(*arguments: str, report: Path, **environment: str) -> subprocess.Popen[str]:
+    """A run of the suite in a process of its own."""
+    command = [sys.executable, "-m", "phasewire", "conformance", *arguments, *ALLOWED, "--json", str(report)]
+    env = {**os.environ, "PYTHONPATH": str(REFERENCE / "python"), "PYTHONUNBUFFERED": "1", **environment}
+    return subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def check(report: Path, said: str, may_be_open: tuple[str, ...]) -> None:
+    """Nothing has failed, most was judged, and what was not has a reason that is known."""
+    found = json.loads(report.read_text())
+    broken = [case["name"] for case in found["results"] if case["verdict"] in ("fail", "warn")]
+    assert not broken, f"{broken}\n{said[-3000:]}"
+    reasons = {case["message"] for case in found["results"] if case["verdict"] == "inconclusive"}
+    assert not {reason for reason in reasons if not reason.startswith(may_be_open)}
+    assert found["passed"], said[-3000:]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("url", "speed", "may_be_open"),
+    [
+        ("reference:", "high", ON_ANY_LINE),
+        ("reference:", "full", ON_ANY_LINE),
+        ("reference-uart:", "high", ON_ANY_LINE + SERIAL),
+    ],
+)
+def test_the_library_passes(
+    machine: Callable[..., Any], tmp_path: Path, url: str, speed: str, may_be_open: tuple[str, ...]
+) -> None:
+    del machine  # it has built the library
+    plugged = ["--device", url, "--capture", "reference:", "--levers", "reference:"]
+    run = suite(*plugged, report=tmp_path / "report.json", PHASEWIRE_REFERENCE_SPEED=speed)
+    said, _ = run.communicate(timeout=SUITE_SECONDS)
+    check(tmp_path / "report.json", said, may_be_open + ("needs faults",))
+
+
+@contextmanager
+def running(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
+    """The port for POSIX: its process, and what it says of its doors."""
+    subprocess.run(["make", "-s", "-C", REFERENCE, "posix"], check=True, timeout=BUILD_SECONDS)
+    program = REFERENCE / "build" / "phasewire-reference"
+    with subprocess.Popen([program, *arguments], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process, json.loads(process.stdout.readline())
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.wait(DEVICE_SECONDS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("door", "may_be_open"),
+    [("usbip", ON_ANY_LINE + WITHOUT_LEVERS), ("serial", ON_ANY_LINE + WITHOUT_LEVERS + SERIAL)],
+)
+def test_the_port_for_posix_passes_with_a_recording_of_its_outputs(
+    machine: Callable[..., Any], tmp_path: Path, door: str, may_be_open: tuple[str, ...]
+) -> None:
+    """By the wall clock, over TCP, with all 320 outputs recorded; the recording ends when all cases have played."""
+    del machine
+    outputs = tmp_path / "run.sr"
+    options = ["--usbip", "0"] if door == "usbip" else ["--serial", "tcp:0"]
+    with running(*options, "--outputs", str(outputs)) as (device, doors):
+        url = f"usbip:127.0.0.1:{doors['usbip']}" if door == "usbip" else doors["serial"][0]
+        run = suite("--device", url, "--capture", f"sigrok:{outputs}", report=tmp_path / "report.json")
+        said = []
+        assert run.stdout is not None
+        for line in run.stdout:
+            said.append(line)
+            if "end the recording" in line:
+                device.send_signal(signal.SIGTERM)
+        run.wait(DEVICE_SECONDS)
+    check(tmp_path / "report.json", "".join(said), may_be_open)
