@@ -183,6 +183,7 @@ static uint32_t send_commits(struct pw_device *self, const struct pw_change *cha
         const uint32_t checksum = pw_commit_checksum(change->slices[node], change->period);
         pw_send(self, message, pw_commit_put(message, node, change->period, checksum));
     }
+    self->commits++;
     return PW_PROCESSORS * COMMIT_TOKENS;
 }
 
@@ -213,6 +214,7 @@ static uint32_t commit(struct pw_device *self, struct pw_change *change)
     uint32_t tokens = has_slices(change) ? send_commits(self, change) : 0u;
     if (change->kind == PW_OUTPUT) {
         /* A modulation ends with what it modulates; it plays or waits if its program was sent. */
+        self->stops_sent = self->modulation_sent;
         if (self->modulation_sent) {
             const struct pw_program stop = {.memory = PW_MEMORY_SAMPLES, .period = change->period};
             tokens += send_programs(self, &stop);

@@ -17,6 +17,12 @@ void pw_send(struct pw_device *self, const uint8_t *message, size_t size)
 {
     if (!self->broken && !self->port->chain(self->port->self, message, size)) {
         self->broken = true;
+    }
+}
+
+void pw_note_broken(struct pw_device *self)
+{
+    if (self->broken && (self->persisting & PW_FAULT_CHAIN) == 0u) {
         self->persisting |= PW_FAULT_CHAIN | PW_FAULT_PROCESSOR;
         pw_raise_faults(self, PW_FAULT_CHAIN | PW_FAULT_PROCESSOR);
     }
@@ -42,6 +48,7 @@ static void begin_time(struct pw_device *self, uint64_t tick_of_port)
     self->now = 0;
     self->serving = true;
     self->collect_at = COLLECT_TICKS;
+    pw_note_broken(self);
     if (!pw_all_there(self)) {
         self->persisting |= PW_FAULT_PROCESSOR;
         pw_raise_faults(self, PW_FAULT_PROCESSOR);
@@ -103,6 +110,7 @@ static void ask(struct pw_device *self, uint8_t node)
     } else {
         processor->unanswered++;
     }
+    processor->commits = self->commits;
     uint8_t message[PW_MESSAGE];
     pw_send(self, message, pw_collect_put(message, node, PW_END_REPORT));
 }
@@ -113,13 +121,16 @@ static void ask_for_playing(struct pw_device *self)
     self->reading_until = self->now + READ_TICKS;
     uint8_t message[PW_MESSAGE];
     for (uint16_t node = 0; node < PW_PROCESSORS; node++) {
-        if (self->processors[node].there) {
-            pw_send(self, message, pw_collect_put(message, node, PW_END_PLAYING));
-        } else {
+        if (!self->processors[node].there) {
             memset(&self->read[node], 0, sizeof self->read[node]);
             self->reading_came |= (uint16_t)(1u << node);
+        } else if (self->now >= self->processors[node].asked_again) {
+            pw_send(self, message, pw_collect_put(message, node, PW_END_PLAYING));
+        } else {
+            /* It has to fall silent by itself, for which it must not be asked anything (CHN-030). */
         }
     }
+    pw_note_broken(self);
 }
 
 void pw_work_on_chain(struct pw_device *self)
@@ -149,7 +160,7 @@ static void note_lasting(struct pw_device *self)
     bool lost = !pw_all_there(self);
     for (uint32_t i = 0; i < PW_PROCESSORS; i++) {
         const struct pw_processor_state *processor = &self->processors[i];
-        lasting |= (uint16_t)(processor->report.faults & (uint16_t)~EVENTS);
+        lasting |= processor->lasting;
         lost = lost || processor->unanswered == COLLECTIONS_MISSED;
     }
     if (lost || self->broken) {
@@ -161,16 +172,28 @@ static void note_lasting(struct pw_device *self)
     self->persisting = lasting;
 }
 
+/* Whether commits were missed, or never arrived, since the report before. */
+static bool has_missed(struct pw_processor_state *processor, const struct pw_report *came)
+{
+    const uint32_t absent = processor->commits - came->carried_out - came->missed_commits;
+    const bool missed = came->missed_commits != processor->report.missed_commits || absent != processor->absent;
+    processor->absent = absent;
+    return missed;
+}
+
 static void report(struct pw_device *self, const struct pw_report *came)
 {
     struct pw_processor_state *processor = &self->processors[came->processor];
-    const bool missed = processor->known && came->missed_commits != processor->report.missed_commits;
+    const bool missed = has_missed(processor, came);
+    const uint16_t faults = came->faults & KNOWN_FAULTS;
+    const uint16_t kept = processor->report.faults;
     processor->report = *came;
-    processor->report.faults &= KNOWN_FAULTS;
+    processor->report.faults = faults | kept;
+    processor->lasting = (uint16_t)(faults & (uint16_t)~EVENTS);
     processor->known = true;
     processor->unanswered = 0;
     note_lasting(self);
-    pw_raise_faults(self, processor->report.faults);
+    pw_raise_faults(self, faults);
     if (missed && !pw_state_enabled(self->state)) {
         /* That may have been the silence: once more, and if it is missed again the processor falls silent (CHN-030). */
         processor->asked_again = self->now + DEAF_TICKS;
@@ -220,8 +243,10 @@ void pw_device_chain(struct pw_device *self, uint8_t channel_end, const uint8_t 
         report(self, &came);
     } else if (channel_end == PW_END_PLAYING && pw_playing_get(&plays, body, size)) {
         playing(self, &plays);
+    } else if (self->serving) {
+        pw_raise_faults(self, PW_FAULT_CHAIN); /* damaged; the question counts as unanswered (CHN-017) */
     } else {
-        /* A damaged answer is none: the question counts as unanswered (CHN-017). */
+        /* Whose identity was damaged is not there, and the chain is not complete (CHN-023). */
     }
 }
 

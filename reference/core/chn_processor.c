@@ -4,7 +4,12 @@
 #include <string.h>
 
 #define DEAF_PERIODS (50u * (uint64_t)PW_PERIODS_PER_MS) /* CHN-018 */
-#define SYNC_TICKS ((int64_t)4096 * (int64_t)PW_TICKS)   /* between two pulses: CHN-026 */
+#define SYNC_TICKS (4096u * (uint64_t)PW_TICKS)          /* between two pulses: CHN-026 */
+#define SYNC_TOLERANCE 1u                                /* CHN-027 */
+#define TOO_HOT_C 85                                     /* above: SAF-008 */
+#define COOL_C 80                                        /* below: REQ-011 */
+#define LEAST_SUPPLY_MV 12000u                           /* SAF-008 */
+#define MOST_SUPPLY_MV 18000u
 #define SEQUENCE 0u
 #define MODULATION 1u
 #define UNMODULATED 255u
@@ -180,6 +185,48 @@ size_t pw_processor_message(struct pw_processor *self, uint8_t channel_end, cons
     }
 }
 
+/* Sensors and the sync line ------------------------------------------------------------------------------------ */
+
+static void set_lasting(struct pw_processor *self, uint16_t fault, bool lasts)
+{
+    self->lasting_faults = (uint16_t)(lasts ? self->lasting_faults | fault : self->lasting_faults & (uint16_t)~fault);
+}
+
+void pw_processor_sensors(struct pw_processor *self, int8_t temperature_c, uint16_t supply_mv)
+{
+    self->temperature_c = temperature_c;
+    if (temperature_c > TOO_HOT_C || temperature_c < COOL_C) {
+        set_lasting(self, PW_FAULT_TEMPERATURE, temperature_c > TOO_HOT_C);
+    }
+    set_lasting(self, PW_FAULT_SUPPLY, supply_mv < LEAST_SUPPLY_MV || supply_mv > MOST_SUPPLY_MV);
+}
+
+/* No pulse when one was due is seen at the next boundary (CHN-027). That of this period may still come. */
+static void check_sync(struct pw_processor *self)
+{
+    const uint64_t begun = self->period * PW_TICKS;
+    if (self->synced && begun > self->last_sync + SYNC_TICKS + SYNC_TOLERANCE) {
+        self->lasting_faults |= PW_FAULT_SYNC;
+    }
+}
+
+void pw_processor_sync(struct pw_processor *self, uint64_t tick)
+{
+    if (!self->synced) {
+        self->synced = true;
+        self->last_sync = tick;
+        return;
+    }
+    /* The time at which one was due, counted from the first: what is off adds up since then. */
+    const uint64_t count = (tick - self->last_sync + SYNC_TICKS / 2u) / SYNC_TICKS;
+    self->last_sync += count * SYNC_TICKS;
+    const int64_t late = (int64_t)(tick - self->last_sync);
+    if (late < -(int64_t)SYNC_TOLERANCE || late > (int64_t)SYNC_TOLERANCE) {
+        self->lasting_faults |= PW_FAULT_SYNC;
+    }
+    self->drift = (int8_t)(late < INT8_MIN ? INT8_MIN : (late > INT8_MAX ? INT8_MAX : late));
+}
+
 /* Periods ------------------------------------------------------------------------------------------------------ */
 
 static void show(struct pw_processor *self, const uint8_t *slice)
@@ -196,45 +243,42 @@ static void show_silence(struct pw_processor *self)
     show(self, silence);
 }
 
-static uint8_t *entry_at(struct pw_processor *self, uint32_t item)
-{
-    return self->entries[self->plays.sequence_program.first + item];
-}
-
 static void show_entry(struct pw_processor *self)
 {
-    const uint8_t *entry = entry_at(self, self->plays.sequence_item);
+    const uint8_t *entry = self->entries[self->plays.sequence_program.first + self->plays.sequence_item];
     self->plays.sequence_left = pw_get16(entry + 2);
     show(self, self->slots[pw_get16(entry)]);
 }
 
 static void begin_sequence(struct pw_processor *self, const struct pw_program *program)
 {
+    struct pw_play *plays = &self->plays;
     if (program->count == 0u) {
-        if (self->plays.sequence) {
+        if (plays->sequence) {
             show_silence(self);
         }
         return;
     }
-    self->plays.sequence = true;
-    self->plays.sequence_program = *program;
-    self->plays.sequence_item = 0;
-    self->plays.sequence_repeat = 0;
+    plays->sequence = true;
+    plays->sequence_program = *program;
+    plays->sequence_item = 0;
+    plays->sequence_repeat = 0;
     show_entry(self);
 }
 
 /* One period of the sequence is over. */
 static void step_sequence(struct pw_processor *self)
 {
-    self->plays.sequence_left--;
-    if (self->plays.sequence_left != 0u) {
+    struct pw_play *plays = &self->plays;
+    plays->sequence_left--;
+    if (plays->sequence_left != 0u) {
         return;
     }
-    self->plays.sequence_item++;
-    if (self->plays.sequence_item == self->plays.sequence_program.count) {
-        self->plays.sequence_item = 0;
-        self->plays.sequence_repeat++;
-        if (self->plays.sequence_program.repeats != 0u && self->plays.sequence_repeat == self->plays.sequence_program.repeats) {
+    plays->sequence_item++;
+    if (plays->sequence_item == plays->sequence_program.count) {
+        plays->sequence_item = 0;
+        plays->sequence_repeat++;
+        if (plays->sequence_program.repeats != 0u && plays->sequence_repeat == plays->sequence_program.repeats) {
             show_silence(self);
             return;
         }
@@ -252,21 +296,34 @@ static void use_sample(struct pw_processor *self, uint8_t sample)
 
 static void begin_modulation(struct pw_processor *self, const struct pw_program *program)
 {
-    self->plays.modulation = program->count != 0u;
-    self->plays.modulation_program = *program;
-    self->plays.modulation_item = 0;
-    self->plays.modulation_left = program->hold;
-    use_sample(self, self->plays.modulation ? self->samples[program->first] : UNMODULATED);
+    struct pw_play *plays = &self->plays;
+    plays->modulation = program->count != 0u;
+    plays->modulation_program = *program;
+    plays->modulation_item = 0;
+    plays->modulation_left = program->hold;
+    use_sample(self, plays->modulation ? self->samples[program->first] : UNMODULATED);
 }
 
 /* One period of the modulation is over. */
 static void step_modulation(struct pw_processor *self)
 {
-    self->plays.modulation_left--;
-    if (self->plays.modulation_left == 0u) {
-        self->plays.modulation_left = self->plays.modulation_program.hold;
-        self->plays.modulation_item = (self->plays.modulation_item + 1u) % self->plays.modulation_program.count;
-        use_sample(self, self->samples[self->plays.modulation_program.first + self->plays.modulation_item]);
+    struct pw_play *plays = &self->plays;
+    plays->modulation_left--;
+    if (plays->modulation_left == 0u) {
+        plays->modulation_left = plays->modulation_program.hold;
+        plays->modulation_item = (plays->modulation_item + 1u) % plays->modulation_program.count;
+        use_sample(self, self->samples[plays->modulation_program.first + plays->modulation_item]);
+    }
+}
+
+/* What plays goes on by one period. */
+static void step(struct pw_processor *self)
+{
+    if (self->plays.sequence) {
+        step_sequence(self);
+    }
+    if (self->plays.modulation) {
+        step_modulation(self);
     }
 }
 
@@ -281,8 +338,11 @@ static void begin_what_waits(struct pw_processor *self)
 {
     const bool commits = self->waits && self->waits_period == self->period;
     const bool sequence = program_begins(self, SEQUENCE);
-    if (self->plays.sequence) {
-        step_sequence(self);
+    const bool modulation = program_begins(self, MODULATION);
+    self->commit_began = commits;
+    self->began = (uint8_t)((commits ? 1u : 0u) + (sequence ? 1u : 0u) + (modulation ? 1u : 0u));
+    if (self->began != 0u) {
+        self->before = self->plays;
     }
     /* For the same period they take effect in the order in which they came (CHN-014). */
     if (sequence && self->commit_came_last) {
@@ -296,12 +356,8 @@ static void begin_what_waits(struct pw_processor *self)
     if (sequence && !self->commit_came_last) {
         begin_sequence(self, &self->program[SEQUENCE]);
     }
-    if (program_begins(self, MODULATION)) {
+    if (modulation) {
         begin_modulation(self, &self->program[MODULATION]);
-    } else if (self->plays.modulation) {
-        step_modulation(self);
-    } else {
-        /* Nothing modulates. */
     }
 }
 
@@ -312,6 +368,7 @@ static void fall_silent(struct pw_processor *self)
     self->waits = false;
     self->program_waits[SEQUENCE] = false;
     self->program_waits[MODULATION] = false;
+    self->began = 0; /* what began has gone, too */
     self->plays.modulation = false;
     use_sample(self, UNMODULATED);
     if (self->plays.sequence || !pw_all_zero(self->plays.slice, PW_SLICE)) {
@@ -319,21 +376,15 @@ static void fall_silent(struct pw_processor *self)
     }
 }
 
-static void check_sync(struct pw_processor *self)
-{
-    const int64_t begun = (int64_t)(self->period * PW_TICKS);
-    if (self->synced && begun > (int64_t)self->last_sync + SYNC_TICKS + (int64_t)PW_TICKS) {
-        self->lasting_faults |= PW_FAULT_SYNC; /* no pulse when one was due: CHN-027 */
-    }
-}
-
 bool pw_processor_period(struct pw_processor *self, uint64_t period)
 {
     self->period = period;
-    self->stale = period == 0u;
+    self->stale = period == 0u || self->again;
+    self->again = false;
     check_sync(self);
+    step(self);
     begin_what_waits(self);
-    const bool alone = period - self->last_collect == DEAF_PERIODS;
+    const bool alone = period - self->last_collect == DEAF_PERIODS + 1u; /* the boundary after 50 ms */
     if (alone || (self->lasting_faults & PW_SILENCING) != 0u) {
         fall_silent(self);
     }
@@ -346,17 +397,18 @@ bool pw_processor_period(struct pw_processor *self, uint64_t period)
     return self->stale;
 }
 
-void pw_processor_sync(struct pw_processor *self, uint64_t tick)
+void pw_processor_overrun(struct pw_processor *self)
 {
-    if (!self->synced) {
-        self->synced = true;
-        self->last_sync = tick;
-        return;
+    self->event_faults |= PW_FAULT_OVERRUN;
+    self->again = true;
+    if (self->began == 0u) {
+        return; /* a step, which comes late (CHN-015) */
     }
-    self->last_sync += (uint64_t)SYNC_TICKS; /* when it was due: what is off adds up since the start (CHN-027) */
-    const int64_t late = (int64_t)tick - (int64_t)self->last_sync;
-    if (late < -1 || late > 1) {
-        self->lasting_faults |= PW_FAULT_SYNC;
+    /* Changes that are not ready in time are missed, and what played goes on (CHN-004, CHN-014). */
+    self->plays = self->before;
+    self->carried_out -= self->commit_began ? 1u : 0u;
+    while (self->began != 0u) {
+        self->began--;
+        missed(self);
     }
-    self->drift = (int8_t)(late < INT8_MIN ? INT8_MIN : (late > INT8_MAX ? INT8_MAX : late));
 }

@@ -83,8 +83,11 @@ struct pw_processor_state {
     bool there;
     uint8_t unanswered;   /* questions in a row */
     uint64_t asked_again; /* tick before which nothing is asked: CHN-030 */
+    uint32_t commits;     /* that had been sent to it when it was asked */
+    uint32_t absent;      /* of them, those that it neither carried out nor missed, by its report: CHN-016 */
     bool known;           /* whether a report has come */
-    struct pw_report report;
+    uint16_t lasting;     /* faults whose cause lasts, by its report */
+    struct pw_report report; /* the last one; its faults stay until they are cleared */
 };
 
 struct pw_device {
@@ -137,6 +140,8 @@ struct pw_device {
     uint32_t first_store, store_count;
     /* The chain. */
     bool modulation_sent; /* a modulation plays or waits there */
+    bool stops_sent;      /* the last silence had programs that stop one */
+    uint32_t commits;     /* that each processor was sent */
     struct pw_processor_state processors[PW_PROCESSORS];
     uint64_t collect_at; /* tick */
     uint8_t collect_next;

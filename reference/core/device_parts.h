@@ -17,7 +17,7 @@ void pw_tell(struct pw_device *self, uint8_t door);
 /* Drop what is queued, and order silence for the first period that can have it (SAF-004) if something plays or is on its
    way, or `again`: a processor may have missed it. */
 void pw_silence(struct pw_device *self, bool again);
-/* Faults have appeared; `lasting` are those whose cause lasts, of all sources. */
+/* Faults have appeared; self->persisting are those whose cause lasts. */
 void pw_raise_faults(struct pw_device *self, uint16_t faults);
 void pw_clear_faults(struct pw_device *self, uint8_t door);
 /* The tick at which the watchdog fires, PW_NEVER while it rests. */
@@ -51,8 +51,10 @@ void pw_send_loads(struct pw_device *self, uint32_t tokens);
 
 /* chn_controller.c: numbering, questions, answers */
 void pw_number_chain(struct pw_device *self, uint64_t tick_of_port);
-/* Send a message, or find the chain broken (CHN-021). */
+/* Send a message, or find the chain broken (CHN-021). The faults of that are raised later, by pw_note_broken, for they
+   change the queue that is being sent. */
 void pw_send(struct pw_device *self, const uint8_t *message, size_t size);
+void pw_note_broken(struct pw_device *self);
 uint64_t pw_chain_due(const struct pw_device *self);
 void pw_work_on_chain(struct pw_device *self);
 /* Read what plays from all processors (REQ-007). */

@@ -52,6 +52,13 @@ static void flash_begin(struct pw_dfu *dfu, uint32_t address, const uint8_t *dat
     }
 }
 
+/* Whether the flash says that it could not do what it was told. */
+static bool flash_failed(const struct pw_dfu *dfu)
+{
+    const struct pw_port *port = dfu->port;
+    return (port->flash_failed != NULL) && (dfu->flash_checked == 0u) && port->flash_failed(port->self);
+}
+
 /* Reads back a page of what the flash was told to do. */
 static void flash_check(struct pw_dfu *dfu)
 {
@@ -59,7 +66,9 @@ static void flash_check(struct pw_dfu *dfu)
     const uint32_t left = dfu->flash_size - dfu->flash_checked;
     const uint32_t size = (left < PW_FLASH_PAGE) ? left : PW_FLASH_PAGE;
     uint8_t page[PW_FLASH_PAGE];
-    if (!port->flash_read(port->self, dfu->flash_address + dfu->flash_checked, page, size)) {
+    if (flash_failed(dfu)) {
+        pw_dfu_fail(dfu, (dfu->flash_data == NULL) ? PW_DFU_ERASE : PW_DFU_PROG, PW_IMAGE_ACCEPTED);
+    } else if (!port->flash_read(port->self, dfu->flash_address + dfu->flash_checked, page, size)) {
         pw_dfu_fail(dfu, PW_DFU_WRITE, PW_IMAGE_ACCEPTED);
     } else {
         bool same = true;

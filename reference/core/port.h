@@ -25,6 +25,9 @@ struct pw_port {
        a board that trusts no keys, which accepts every signature. */
     bool (*flash_signed)(void *self, const uint8_t key_id[8], uint32_t address, uint32_t size,
                          const uint8_t signature[64]);
+    /* Whether the last erasure or programming ended in failure, as a flash says in its status register. NULL if yours
+       says nothing: then what was written is judged by reading it back alone. */
+    bool (*flash_failed)(void *self);
 };
 
 #endif

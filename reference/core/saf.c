@@ -112,6 +112,7 @@ void pw_silence(struct pw_device *self, bool again)
     }
     self->change_count = kept;
     const bool silent = kept == 0u && !self->plays && !self->modulation_sent;
+    self->modulation_sent = self->modulation_sent || (again && self->stops_sent); /* the stop may be what was missed */
     self->plays = false;
     self->plays_sequence = false;
     self->modulates = false;
@@ -153,11 +154,14 @@ void pw_clear_faults(struct pw_device *self, uint8_t door)
 {
     const uint16_t before = self->faults;
     self->faults &= self->persisting;
-    if (self->faults != before) {
-        pw_tell(self, PW_NO_DOOR);
+    for (uint32_t i = 0; i < PW_PROCESSORS; i++) {
+        self->processors[i].report.faults &= self->processors[i].lasting;
     }
     if ((self->faults & PW_SILENCING) == 0u) {
         pw_event(self, PW_EVENT_CLEAR, door);
+    }
+    if (self->faults != before) {
+        pw_tell(self, PW_NO_DOOR); /* of both, in one record */
     }
 }
 

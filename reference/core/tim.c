@@ -77,6 +77,7 @@ void pw_device_poll(struct pw_device *self)
             pw_event(self, PW_EVENT_WATCHDOG, PW_NO_DOOR);
         }
         pw_work_on_chain(self);
+        pw_note_broken(self);
     }
     self->now = target;
 }

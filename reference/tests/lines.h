@@ -75,7 +75,7 @@ static inline void identify(void *self, uint8_t board)
     (void)board;
 }
 
-static const struct pw_port port = {NULL, now, chain, sync_line, identify, NULL, NULL, NULL, NULL, NULL};
+static const struct pw_port port = {NULL, now, chain, sync_line, identify, NULL, NULL, NULL, NULL, NULL, NULL};
 static const struct pw_about about = {
     {1, 2, 3, 4, 5, 6, 7, 8}, {1, 2, 3}, PW_BANK_A, 0, 1, "lines", "PW-0001", wiring, 20, 16, 10300,
 };
