@@ -6,8 +6,9 @@ PYTEST_ARGS ?=
 TEST_PROCESSES ?= 2
 FUZZ_SECONDS ?= 60
 SOAK_MINUTES ?= 120
+REFERENCE_FUZZ_SECONDS ?= 20
 
-.PHONY: help demo docs test test-slow test-usb test-usb-all mutants lint format vectors fuzz soak bench bench-peers clean
+.PHONY: help demo docs test test-slow test-usb test-usb-all mutants reference lint format vectors fuzz soak bench bench-peers clean
 .DEFAULT_GOAL := help
 
 help:            ## list the targets
@@ -37,15 +38,22 @@ soak: $(VENV)/ready          ## a stream with random faults, SOAK_MINUTES (120) 
 mutants: $(VENV)/ready       ## the conformance suite against every broken emulator, in a quarter of an hour
 	@$(BIN)/phasewire conformance --mutants --jobs $(TEST_PROCESSES)
 
-docs: $(VENV)/ready          ## the documents as a site, in build/docs/docs/index.html; a broken link is an error
+reference: $(VENV)/ready     ## the reference device in C: unit tests, sanitizers, a Cortex-M33, fuzzing, and bugs that the suite must catch
+	@$(MAKE) -s -C reference check posix
+	@if command -v arm-none-eabi-gcc qemu-system-arm >/dev/null; then $(MAKE) -s -C reference/cortex_m33 test size instructions; \
+		else echo "no Cortex-M33: that needs arm-none-eabi-gcc, its C library and qemu-system-arm"; fi
+	@$(MAKE) -s -C reference fuzz FUZZ_SECONDS=$(REFERENCE_FUZZ_SECONDS)
+	@$(BIN)/python reference/mutants.py
+
+docs: $(VENV)/ready          ## the documents as a site, in build/docs/index.html; a broken link is an error
 	@$(BIN)/python -m sphinx -q -W --keep-going -b html -c docs . build/docs
-	@echo "build/docs/docs/index.html"
+	@echo "build/docs/index.html"
 
 lint: $(VENV)/ready          ## style, types, the import rules, and the English of texts
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-	@$(BIN)/mypy tests benchmarks examples
+	@$(BIN)/mypy tests benchmarks examples reference
 	@$(BIN)/lint-imports --no-cache
 	@$(BIN)/python tests/style.py
 

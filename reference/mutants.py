@@ -28,7 +28,7 @@ FAILED = 1
 
 
 class Mutant(NamedTuple):
-    """A bug: what it is, where it is, and the groups of cases that catch it."""
+    """A bug: its description, its file and text, and the groups of cases that catch it."""
 
     name: str
     what: str
@@ -70,7 +70,7 @@ def build(mutant: Mutant) -> Path:
         shutil.copytree(REFERENCE / part, folder / part)
     shutil.copy2(REFERENCE / "Makefile", folder)
     (folder / mutant.file).write_text(broken(mutant))
-    make = ["make", "-s", "-C", folder, "library", "CFLAGS=-std=c99 -w", "OPTIMISE=-O1"]
+    make = ["make", "-s", "-C", str(folder), "library", "CFLAGS=-std=c99 -w", "OPTIMISE=-O1"]
     subprocess.run(make, check=True, timeout=BUILD_SECONDS)
     return folder / "build" / "gcc" / "libphasewire-reference.so"
 

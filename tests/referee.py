@@ -57,7 +57,7 @@ def replaces(later: Change, change: Change) -> bool:
 class Referee:
     """Watches a device from its door, given its answers to INFO and WIRING.
 
-    A device whose own times are longer than those of BUD-003 plans with them (BUD-001): it may be so many periods later.
+    A device whose own times are longer than those of BUD-003 plans with them (BUD-001): it may be some periods later.
     """
 
     def __init__(self, info: spec.Fields, wiring: Sequence[int], slack_periods: int = 0) -> None:

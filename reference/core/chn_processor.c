@@ -140,6 +140,9 @@ static size_t take_collect(struct pw_processor *self, const uint8_t *body, size_
         return 0;
     }
     self->last_collect = self->period;
+    if (!self->synced) {
+        self->lasting_faults |= PW_FAULT_SYNC; /* who asks has begun its time with a pulse that was not seen here */
+    }
     return which == PW_END_REPORT ? answer_report(self, answer) : answer_playing(self, answer);
 }
 

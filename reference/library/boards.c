@@ -219,7 +219,8 @@ static void begin_period(struct boards *self, uint64_t now, uint64_t period)
     self->changed = false;
     for (uint32_t i = 0; i < PW_PROCESSORS; i++) {
         struct pw_processor *processor = &self->processors[i];
-        if (self->faults->count != 0u && is_dead(self, now, i)) {
+        /* Without the first pulse its port clock has not started. */
+        if (!processor->synced || is_dead(self, now, i)) {
             play(self, i, LOW);
             continue;
         }
@@ -227,7 +228,7 @@ static void begin_period(struct boards *self, uint64_t now, uint64_t period)
         if (!pw_processor_period(processor, period)) {
             continue;
         }
-        if (self->faults->count != 0u && is_late(self, now, i)) {
+        if (is_late(self, now, i)) {
             self->late[i]++;
             pw_processor_overrun(processor);
         } else {

@@ -95,9 +95,7 @@ class Machine:
 
     closed = False
 
-    def __init__(
-        self, wiring: Wiring | None = None, serial: str = "REFERENCE-1", speed: Speed = HIGH_SPEED
-    ) -> None:
+    def __init__(self, wiring: Wiring | None = None, serial: str = "REFERENCE-1", speed: Speed = HIGH_SPEED) -> None:
         self._c = library()
         channels = np.ascontiguousarray((wiring or Wiring.strips()).channels, np.uint16)
         self._self = self._c.machine_new(channels.ctypes.data, serial.encode(), speed is HIGH_SPEED)
@@ -308,7 +306,7 @@ class PowerAndBus(EmulatorLevers):
     @cached_property
     def can(self) -> frozenset[Any]:
         """All but faults."""
-        from phasewire.hil.conformance.cases import Need  # noqa: PLC0415
+        from phasewire.hil.conformance.cases import Need
 
         return super().can - {Need.FAULTS}
 

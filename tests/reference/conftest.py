@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,11 @@ def machine() -> Callable[..., Any]:
         subprocess.run(["make", "-s", "-C", REFERENCE, "library"], check=True, timeout=BUILD_SECONDS)
     sys.path.insert(0, str(REFERENCE / "python"))
     try:
-        from phasewire_reference import Machine  # noqa: PLC0415
+        machine_class = import_module("phasewire_reference").Machine
     finally:
         sys.path.pop(0)
 
     def make(wiring: Wiring) -> Any:
-        return Machine(wiring)
+        return machine_class(wiring)
 
     return make

@@ -1,7 +1,7 @@
 """The reference device and the emulator, two implementations of one specification, play the same random programs.
 
-Each is judged by the referee, which was written from the specification alone. If a program leaves the devices no choice, both
-also answer alike and play the same bits, tick by tick.
+Each is judged by the referee, which was written from the specification alone. If a program leaves the devices no
+choice, both also answer alike and play the same bits, tick by tick.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from phasewire.protocol.board import TICKS_PER_PERIOD
+from phasewire.protocol.codes import Kind
 
 from tests import from_spec as spec
 from tests.emulator.test_oracle import (
@@ -28,7 +28,7 @@ from tests.emulator.test_oracle import (
     play,
     pulses,
 )
-from tests.referee import PERIOD, TICK
+from tests.referee import PERIOD, TICK, Silencing
 
 SLACK_PERIODS = 1
 """The reference works once a period, so that its own time line is up to a period longer (BUD-001)."""
@@ -70,7 +70,7 @@ def test_disable_silences_within_six_periods_whatever_is_on_the_chain(machine: C
     busy(bench, seed)
     bench.wait(seed * 1777)
     bench.enable()
-    bench.send(spec.UPDATE, pulses=pulses(5))
+    bench.send(Kind.UPDATE, pulses=pulses(5))
     bench.finish(3)
 
 
@@ -83,7 +83,8 @@ def in_time(steps: Sequence[Step]) -> list[Step]:
     for step in [*FILLED, *steps[:MOST_STEPS]]:
         value = dict(step.value)
         if "ahead" in value:
-            value["ahead"] = IN_TIME + (value["ahead"] or 0) % 17
+            ahead = value["ahead"]
+            value["ahead"] = IN_TIME + (ahead % 17 if isinstance(ahead, int) else 0)
         stores = STORE_PERIODS * PERIOD if step.what in ("slot", "entries", "samples") else 0
         timed.append(Step(step.wait // TICK * TICK + stores, step.what, value))
     return timed
@@ -104,7 +105,7 @@ def both_play(machine: Callable[..., Any], base: int, steps: Sequence[Step]) -> 
     words = [each[: length * TICKS_PER_PERIOD].reshape(length, -1) for each in bits]
     chosen = np.zeros(length, bool)
     for item in benches[0].referee.past:
-        if hasattr(item, "cycle"):
+        if isinstance(item, Silencing):
             silenced = item.cycle // PERIOD - base
             chosen[max(silenced, 0) : max(silenced + SILENCED, 0)] = True
     differs = (words[0] != words[1]).any(axis=1) & ~chosen
