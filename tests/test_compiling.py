@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from phasewire.compiling import _fingerprint, kernel
+from phasewire.compiling import _fingerprint, _notice, kernel
 
 
 def test_a_function_without_a_file_is_compiled_uncached() -> None:
@@ -110,3 +111,23 @@ def test_kernels_are_cached_in_the_users_cache_folder_unless_another_is_named(tm
         assert ("phasewire" in Path(path).parts) is (not more)
         assert said == (default or repr(str(where)))
     assert [path.name for path in package.iterdir()] == ["one.py"]
+
+
+@pytest.mark.parametrize(
+    ("file", "when"), [("{}.py", "the first time on a machine"), ("<nowhere>", r"in each run, .*\$NUMBA_CACHE_DIR")]
+)
+def test_the_first_compilation_of_a_kernel_of_the_package_is_logged_once(
+    file: str, when: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(_notice, "_said", False)
+    monkeypatch.setattr(sys, "ps1", ">>> ", raising=False)
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    there: dict[str, Any] = {}
+    for name in ("outside.zero", "phasewire.one", "phasewire.two"):
+        there["__name__"] = name
+        Path(f"{name}.py").touch()
+        exec(compile("def thrice(x):\n    return 3 * x\n", file.format(name), "exec"), there)
+        kernel(there["thrice"])(14)
+        assert [record.name for record in caplog.records] == ["phasewire.compiling"] * (name != "outside.zero")
+    assert re.search(when, caplog.messages[0])

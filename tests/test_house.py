@@ -73,10 +73,16 @@ def test_examples_in_docstrings_run(path: Path) -> None:
     assert doctest.testmod(module).failed == 0
 
 
-def test_importing_the_package_imports_no_slow_module() -> None:
+@pytest.mark.parametrize(
+    ("module", "slow"),
+    [
+        ("commands", ("numba", "matplotlib", "cryptography", "dpkt", "scipy", "numpy", "rich.table")),
+        ("solving", ("numba", "matplotlib", "phasewire.host", "phasewire.protocol")),
+    ],
+)
+def test_importing_the_package_imports_no_slow_module(module: str, slow: tuple[str, ...]) -> None:
     """Only some users need the slow modules; the list of commands needs none of them."""
-    slow = ("numba", "matplotlib", "cryptography", "dpkt", "scipy", "numpy", "rich.table")
-    code = f"import sys, phasewire, phasewire.cli.commands; print([name for name in {slow} if name in sys.modules])"
+    code = f"import sys, phasewire, phasewire.cli.{module}; print([name for name in {slow} if name in sys.modules])"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert ended.stdout.strip() == "[]"
 
@@ -108,6 +114,10 @@ def test_objects_show_themselves_in_one_short_line(sphere_solution: Solution, em
         assert "array(" not in line
         assert "\n" not in line
     assert lines[1] == "TransducerArray(320 transducers, 196 × 154 × 0 mm)"
+    assert repr(pw.ControlPoints([[0, 0, 0.2]])) == "ControlPoints(1 point, 0 × 0 × 0 mm about (0, 0, 200) mm)"
+    assert repr(pw.solve(array, [[0, 0, 0.2]])) == "Solution(wgs, 320 drives for 1 point)"
+    assert "(2 points, 2060 × 0 × 0 mm" in repr(pw.ControlPoints([[0.0, 0.0, 0.0], [2.06, 0.0, 0.0]]))
+    assert repr(report).startswith("FocusReport(1 focus of ")
     assert repr(mesh) == "Mesh(12 faces, 100 × 100 × 100 mm about (0, 0, 170) mm)"
 
 

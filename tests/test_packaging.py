@@ -1,10 +1,12 @@
-"""The wheel holds the whole package and no other file."""
+"""The sdist holds all that is developed, and the wheel made of it the whole package and no other file."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -12,13 +14,26 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("protocol", "solver", "emulator", "host", "hil", "cli")
+BESIDE = ("benchmarks", "docs", "examples", "mutants", "reference", "tests")
+ALONE = {"CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md", "pyproject.toml"}
 
 
 @pytest.mark.slow
-def test_the_wheel_holds_the_package_and_runs_without_the_repository(tmp_path: Path) -> None:
-    clean = tmp_path / "clean"
-    shutil.copytree(ROOT, clean, ignore=shutil.ignore_patterns(".*", "build", "typings", "*.egg-info"))
-    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(tmp_path), str(clean)]
+def test_the_sdist_and_its_wheel_are_whole_and_the_package_runs_without_the_repository(tmp_path: Path) -> None:
+    clean, tools = tmp_path / "clean", tmp_path / "tools"
+    shutil.copytree(ROOT, clean, ignore=shutil.ignore_patterns(".*", "build", "typings", "*.egg-info", "__pycache__"))
+    developed = {path.relative_to(clean).as_posix() for room in (*ROOMS, *BESIDE) for path in (clean / room).rglob("*")}
+    pip = [sys.executable, "-m", "pip"]
+    get = [*pip, "install", "--quiet", "--target", str(tools), "setuptools>=77"]
+    pack = [sys.executable, "-c", "from setuptools import build_meta; build_meta.build_sdist('..')"]
+    for command in (get, pack):
+        environment = os.environ | {"PYTHONPATH": str(tools)}
+        subprocess.run(command, check=True, timeout=300, capture_output=True, cwd=clean, env=environment)
+    (sdist,) = tmp_path.glob("phasewire-*.tar.gz")
+    with tarfile.open(sdist) as packed_sources:
+        there = {name.partition("/")[2] for name in packed_sources.getnames()}
+    assert developed | ALONE <= there
+    build = [*pip, "wheel", "--quiet", "--no-deps", "--wheel-dir", str(tmp_path), str(sdist)]
     subprocess.run(build, check=True, timeout=300, capture_output=True)
     (wheel,) = tmp_path.glob("phasewire-*.whl")
     with zipfile.ZipFile(wheel) as archive:

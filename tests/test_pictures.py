@@ -38,8 +38,9 @@ from phasewire.pictures import COLUMN, LANDSCAPE
 from phasewire.protocol.timing import LINKS, Budget
 from phasewire.solver import two_sided
 from phasewire.solver.contact.touch import Toucher
+from phasewire.solver.fields.drawing import OIL
 from phasewire.solver.fields.quantities import QUANTITIES
-from phasewire.solver.pictures.picture import OIL, save_field_picture
+from phasewire.solver.pictures.picture import save_field_picture
 from phasewire.solver.reproduction.figures import (
     Timing,
     reproduce_figure_4,
@@ -69,12 +70,20 @@ def star(method: str) -> PlaneField:
 
 def volume() -> Axes:
     box = Grid.along("xyz", (0, 0, 0.2), 0.1, 5e-3)
-    return sample_volume(ARRAY, solve(ARRAY, Star()).drive, box).plot()
+    return sample_volume(ARRAY, solve(ARRAY, Star()).drive, box).plot(points=Star())
 
 
 def played() -> Capture:
     with Emulator() as emulator:
         return run_end_to_end(solve(ARRAY, [[0.02, 0, 0.2]]), emulator).capture
+
+
+def subplots(*draw: Callable[[Axes], object]) -> Figure:
+    """As a notebook makes them, without a layout engine."""
+    figure, grid = pyplot.subplots(1, len(draw), figsize=(9, 4))
+    for axes, onto in zip(grid, draw, strict=True):
+        onto(axes)
+    return figure
 
 
 def demo() -> None:
@@ -111,6 +120,8 @@ PICTURES: dict[str, tuple[Callable[[], object], float]] = {
     "solution": (lambda: solve(ARRAY, Star()).plot(), COLUMN),
     "spectrum": (lambda: played().plot_spectrum(), COLUMN),
     "volume": (volume, COLUMN),
+    "subplots": (lambda: subplots(solve(ARRAY, Star()).plot, star("wgs").plot), LANDSCAPE),
+    "subplots of a capture": (lambda: subplots(star("wgs").plot, played().plot), LANDSCAPE),
     "figure 4": (lambda: draw_figure_4(reproduce_figure_4()), COLUMN),
     "figure 6": (lambda: draw_figure_6(reproduce_figure_6()), COLUMN),
     "figure 6, oil": (lambda: draw_figure_6(reproduce_figure_6(), OIL), COLUMN),
@@ -145,7 +156,7 @@ def test_a_picture_can_be_read(name: str, tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_notebook_shows_a_picture_without_pyplot() -> None:
     for shown in (ARRAY, Star(), star("wgs")):
-        assert shown._repr_png_().startswith(PNG)
+        assert (shown._repr_png_() or b"").startswith(PNG)
     assert pyplot.get_fignums() == []
 
 
@@ -156,6 +167,35 @@ def test_what_is_plotted_lands_on_the_axes_that_are_given() -> None:
     ARRAY.plot()
     assert len(pyplot.get_fignums()) == 1
     pyplot.close("all")
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda: ARRAY.plot,
+        lambda: solve(ARRAY, Star()).plot,
+        lambda: Star().plot,
+        lambda: two_sided(ARRAY, Star()).plot,
+        lambda: focus_report(ARRAY, solve(ARRAY, Star()).drive, Star()).plot,
+        lambda: star("wgs").plot,
+        lambda: played().plot,
+        lambda: played().plot_spectrum,
+    ],
+)
+def test_a_title_and_options_of_matplotlib_are_taken(draw: Callable[[], Callable[..., Axes]]) -> None:
+    axes = draw()(Figure().subplots(), title="Mine", alpha=0.25)
+    assert axes.get_title() == "Mine"
+    assert 0.25 in [each.get_alpha() for each in axes.get_children()]
+
+
+def test_halves_and_facing_panels_are_told_apart() -> None:
+    legend = two_sided(ARRAY, Star()).plot(Figure().subplots()).get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["first half", "second half"]
+    facing = TransducerArray.joined([ARRAY, ARRAY.rotated(180, (1, 0, 0)).moved((0, 0, 0.3))])
+    axes = facing.plot(Figure().subplots())
+    assert axes.get_xlabel() == "x / mm (larger dots look down)"
+    assert [len(np.asarray(dots.get_offsets())) for dots in axes.collections] == [320, 320]
 
 
 def test_fields_are_compared_on_one_scale() -> None:

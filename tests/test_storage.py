@@ -78,6 +78,12 @@ def test_a_pipe_stays_a_pipe(tmp_path: Path) -> None:
     assert pipe.is_fifo()
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a disk that is always full")
+def test_a_full_device_is_named() -> None:
+    with pytest.raises(OSError, match="No space left on device: '/dev/full'"), replacing("/dev/full") as part:
+        part.write_text("x")
+
+
 def test_a_name_of_255_characters_works(tmp_path: Path) -> None:
     target = tmp_path / ("n" * 255)
     with replacing(target) as part:

@@ -4,11 +4,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "../posix/chain.h"
 #include "../posix/factory.h"
-#include "../posix/flash.h"
 #include "dfu.h"
 #include "fwu.h"
+#include "memory.h"
+#include "plays.h"
 #include "ser.h"
 #include "usb.h"
 
@@ -19,16 +19,11 @@
 
 static const uint8_t FIRMWARE[3] = {1, 0, 0};
 
-/* What all ports play from a period on, until the next one that is kept. */
-struct play {
-    uint64_t period;
-    uint32_t words[PW_PROCESSORS][PW_TICKS];
-};
-
 struct machine {
     uint64_t tick;
     bool powered, high_speed, plugged, in_dfu, confirmed, away;
     uint64_t back_at;    /* tick at which it comes to the bus */
+    uint64_t power_at;   /* tick at which power comes by itself */
     uint64_t confirm_at;
     uint32_t generation;
     struct pw_port port;
@@ -38,12 +33,12 @@ struct machine {
     struct pw_usb usb;
     struct pw_line lines[PW_LINES];
     struct pw_dfu dfu;
-    struct chain chain;
-    struct flash flash;
+    struct faults faults;
+    struct boards boards;
+    struct memory memory;
     uint16_t wiring[PW_CHANNELS];
     char serial_number[65];
-    struct play *plays;
-    size_t play_count, play_room;
+    struct plays plays;
 };
 
 /* The port ----------------------------------------------------------------------------------------------------- */
@@ -55,33 +50,20 @@ static uint64_t port_now(void *self)
 
 static bool port_chain(void *self, const uint8_t *message, size_t size)
 {
-    return chain_send(&((struct machine *)self)->chain, message, size);
+    struct machine *machine = self;
+    return boards_send(&machine->boards, machine->tick, message, size);
 }
 
 static void keep(struct machine *self)
 {
-    if (self->play_count == self->play_room) {
-        const size_t room = self->play_room == 0u ? 256u : 2u * self->play_room;
-        struct play *plays = realloc(self->plays, room * sizeof *plays);
-        if (plays == NULL) {
-            abort(); /* a test that has no memory has no result */
-        }
-        self->plays = plays;
-        self->play_room = room;
-    }
-    struct play *play = &self->plays[self->play_count];
-    self->play_count++;
-    play->period = self->chain.period;
-    for (uint32_t i = 0; i < PW_PROCESSORS; i++) {
-        memcpy(play->words[i], self->chain.processors[i].words, sizeof play->words[i]);
-    }
+    plays_keep(&self->plays, self->boards.period, self->boards.words);
 }
 
 static void port_sync(void *opaque)
 {
     struct machine *self = opaque;
-    const bool first = !self->chain.begun;
-    chain_sync(&self->chain, self->tick);
+    const bool first = !self->boards.begun;
+    boards_sync(&self->boards, self->tick);
     if (first) {
         keep(self);
     }
@@ -93,27 +75,33 @@ static void port_identify(void *self, uint8_t board)
     (void)board;
 }
 
-static bool port_flash_read(void *self, uint32_t address, uint8_t *data, size_t size)
+static bool port_flash_read(void *opaque, uint32_t address, uint8_t *data, size_t size)
 {
-    return flash_read(&((struct machine *)self)->flash, address, data, size);
+    struct machine *self = opaque;
+    return memory_read(&self->memory, self->tick, address, data, size);
 }
 
 static bool port_flash_erase(void *opaque, uint32_t address)
 {
     struct machine *self = opaque;
-    return flash_erase(&self->flash, self->tick, address);
+    return memory_erase(&self->memory, self->tick, address);
 }
 
 static bool port_flash_program(void *opaque, uint32_t address, const uint8_t *data, size_t size)
 {
     struct machine *self = opaque;
-    return flash_program(&self->flash, self->tick, address, data, size);
+    return memory_program(&self->memory, self->tick, address, data, size);
 }
 
 static bool port_flash_busy(void *opaque)
 {
     struct machine *self = opaque;
-    return flash_busy(&self->flash, self->tick);
+    return memory_busy(&self->memory, self->tick);
+}
+
+static bool port_flash_failed(void *self)
+{
+    return ((struct machine *)self)->memory.failed;
 }
 
 /* Life --------------------------------------------------------------------------------------------------------- */
@@ -121,39 +109,40 @@ static bool port_flash_busy(void *opaque)
 struct machine *machine_new(const uint16_t *wiring, const char *serial_number, bool high_speed)
 {
     struct machine *self = calloc(1, sizeof *self);
-    bool blank = false;
-    if (self == NULL || !flash_open(&self->flash, NULL, &blank)) {
+    if (self == NULL || !memory_open(&self->memory, &self->faults)) {
         free(self);
         return NULL;
     }
-    factory_image(self->flash.bytes, FIRMWARE);
+    factory_image(self->memory.flash.bytes, FIRMWARE);
+    self->power_at = PW_NEVER;
     memcpy(self->wiring, wiring, sizeof self->wiring);
     strncpy(self->serial_number, serial_number, sizeof self->serial_number - 1u);
     self->high_speed = high_speed;
     self->plugged = true;
     const struct pw_port port = {self, port_now, port_chain, port_sync, port_identify, port_flash_read,
-                                 port_flash_erase, port_flash_program, port_flash_busy, NULL};
+                                 port_flash_erase, port_flash_program, port_flash_busy, NULL,
+                                 port_flash_failed};
     self->port = port;
     return self;
 }
 
 void machine_free(struct machine *self)
 {
-    flash_close(&self->flash);
-    free(self->plays);
+    memory_close(&self->memory);
+    free(self->plays.list);
     free(self);
 }
 
 static void start(struct machine *self)
 {
-    self->flash.at_once = true;
+    self->memory.flash.at_once = true;
     (void)pw_boot(&self->port, &self->running);
-    self->flash.at_once = false;
+    self->memory.flash.at_once = false;
     self->in_dfu = false;
     self->confirmed = false;
     self->usb.was_configured = false;
     self->confirm_at = self->tick;
-    self->play_count = 0;
+    self->plays.count = 0;
     memset(&self->about, 0, sizeof self->about);
     const size_t length = strlen(self->serial_number);
     for (size_t i = 0; i < length; i++) {
@@ -169,7 +158,7 @@ static void start(struct machine *self)
     self->about.columns = 20;
     self->about.rows = 16;
     self->about.pitch_um = 10300;
-    chain_begin(&self->chain, self->about.firmware, self->about.unique_id);
+    boards_begin(&self->boards, &self->faults, self->tick, self->about.firmware, self->about.unique_id);
     pw_device_begin(&self->device, &self->port, &self->about);
     pw_line_begin(&self->lines[0], PW_DOOR_LINE(0u), false);
     pw_line_begin(&self->lines[UART], PW_DOOR_LINE(UART), true);
@@ -194,21 +183,27 @@ static void come_back(struct machine *self)
     }
 }
 
-void machine_power(struct machine *self, bool on)
+static void power(struct machine *self, bool on)
 {
-    if (on && !self->powered) {
-        self->powered = true;
+    if (on == self->powered) {
+        return;
+    }
+    self->powered = on;
+    self->power_at = PW_NEVER;
+    memory_power(&self->memory, on);
+    if (on) {
         start(self);
         self->away = true;
         self->back_at = self->tick;
-        machine_run(self, self->tick);
-    } else if (!on && self->powered) {
-        self->powered = false;
-        self->usb.attached = false;
-        flash_power_cut(&self->flash);
     } else {
-        /* It is so already. */
+        self->usb.attached = false;
     }
+}
+
+void machine_power(struct machine *self, bool on)
+{
+    power(self, on);
+    machine_run(self, self->tick);
 }
 
 static void leave(struct machine *self, enum pw_leave how)
@@ -217,15 +212,15 @@ static void leave(struct machine *self, enum pw_leave how)
     if (how == PW_LEAVE_DFU) {
         self->in_dfu = true;
         self->lines[UART].deaf = true;
-        self->flash.at_once = true;
+        self->memory.flash.at_once = true;
         pw_dfu_begin(&self->dfu, &self->port, &self->running);
-        self->flash.at_once = false;
+        self->memory.flash.at_once = false;
         return;
     }
     if (how == PW_LEAVE_REVERT) {
-        self->flash.at_once = true;
+        self->memory.flash.at_once = true;
         pw_boot_revert(&self->port);
-        self->flash.at_once = false;
+        self->memory.flash.at_once = false;
     }
     start(self);
 }
@@ -255,29 +250,61 @@ uint64_t machine_now(const struct machine *self)
 uint64_t machine_due(const struct machine *self)
 {
     if (!self->powered) {
-        return PW_NEVER;
+        return self->power_at;
     }
     uint64_t due = self->in_dfu ? pw_dfu_due(&self->dfu) : pw_device_due(&self->device);
     if (self->away && self->plugged) {
         due = earlier(due, self->back_at > self->tick ? self->back_at : self->tick + 1u);
     }
-    if (self->flash.busy) {
-        due = earlier(due, self->flash.busy_until);
+    if (self->memory.flash.busy) {
+        due = earlier(due, self->memory.flash.busy_until);
     }
-    return due;
+    due = earlier(due, memory_due(&self->memory));
+    return self->in_dfu ? due : earlier(due, boards_message_due(&self->boards));
 }
 
 /* Besides, the periods of the processors, of which nothing is seen outside. */
 static uint64_t due_inside(const struct machine *self)
 {
     const uint64_t due = machine_due(self);
-    return self->powered && !self->in_dfu ? earlier(due, chain_due(&self->chain)) : due;
+    return self->powered && !self->in_dfu ? earlier(due, boards_period_due(&self->boards)) : due;
+}
+
+/* Power goes and comes by itself. Returns whether it is there. */
+static bool has_power(struct machine *self)
+{
+    if (self->powered && self->tick >= memory_due(&self->memory)) {
+        const int32_t periods = self->memory.off_periods;
+        power(self, false);
+        self->power_at = periods < 0 ? PW_NEVER : self->tick + (uint64_t)periods * PW_TICKS;
+    }
+    if (self->tick >= self->power_at) {
+        power(self, true);
+    }
+    return self->powered;
+}
+
+/* What the processors and the controller have to do in this tick. */
+static void run_device(struct machine *self)
+{
+    if (boards_period_due(&self->boards) == self->tick) {
+        boards_period(&self->boards, self->tick);
+        if (self->boards.changed) {
+            keep(self);
+        }
+    }
+    do {
+        pw_device_poll(&self->device);
+    } while (boards_deliver(&self->boards, self->tick, &self->device));
 }
 
 /* Everything that is due in this tick. */
 static void work(struct machine *self)
 {
-    (void)flash_busy(&self->flash, self->tick);
+    if (!has_power(self)) {
+        return;
+    }
+    (void)memory_busy(&self->memory, self->tick);
     if (self->in_dfu) {
         pw_dfu_poll(&self->dfu);
         if (pw_dfu_leaves(&self->dfu)) {
@@ -287,14 +314,7 @@ static void work(struct machine *self)
         come_back(self);
         return;
     }
-    if (chain_due(&self->chain) == self->tick) {
-        chain_period(&self->chain);
-        if (self->chain.changed) {
-            keep(self);
-        }
-    }
-    pw_device_poll(&self->device);
-    chain_deliver(&self->chain, &self->device);
+    run_device(self);
     pw_line_poll(&self->lines[0], &self->device);
     pw_line_poll(&self->lines[UART], &self->device);
     if (self->usb.attached) {
@@ -318,9 +338,7 @@ void machine_run(struct machine *self, uint64_t tick)
         }
     }
     self->tick = tick;
-    if (self->powered) {
-        work(self);
-    }
+    work(self);
 }
 
 bool machine_serves(const struct machine *self)
@@ -331,6 +349,14 @@ bool machine_serves(const struct machine *self)
 uint64_t machine_origin(const struct machine *self)
 {
     return self->device.origin;
+}
+
+/* What the controller has just sent arrives, and is answered. */
+static void deliver(struct machine *self)
+{
+    if (!self->in_dfu) {
+        (void)boards_deliver(&self->boards, self->tick, &self->device);
+    }
 }
 
 /* USB ---------------------------------------------------------------------------------------------------------- */
@@ -389,7 +415,7 @@ int machine_control(struct machine *self, const uint8_t setup[8], uint8_t *data)
     memcpy(out, data, sizeof out);
     const uint64_t last = self->tick + PATIENCE_TICKS;
     int size = pw_usb_control(&self->usb, &request, out, data);
-    chain_deliver(&self->chain, &self->device);
+    deliver(self);
     while (size == PW_USB_NAK && self->tick < last) {
         size = pw_usb_control_again(&self->usb, data);
         if (size == PW_USB_NAK) {
@@ -402,7 +428,7 @@ int machine_control(struct machine *self, const uint8_t setup[8], uint8_t *data)
 int machine_out(struct machine *self, uint8_t endpoint, const uint8_t *packet, size_t size)
 {
     const int taken = pw_usb_out(&self->usb, endpoint, packet, size);
-    chain_deliver(&self->chain, &self->device);
+    deliver(self);
     return taken;
 }
 
@@ -419,7 +445,7 @@ size_t machine_hear(struct machine *self, const uint8_t *bytes, size_t size)
         return size; /* nobody listens */
     }
     const size_t taken = pw_line_receive(&self->lines[UART], &self->device, bytes, size);
-    chain_deliver(&self->chain, &self->device);
+    deliver(self);
     pw_line_poll(&self->lines[UART], &self->device);
     return taken;
 }
@@ -440,34 +466,11 @@ void machine_break(struct machine *self)
 
 bool machine_words(const struct machine *self, uint64_t first, size_t periods, uint32_t *words)
 {
-    if (!machine_serves(self) || first + periods > self->chain.period + 1u || self->play_count == 0u) {
-        return false;
-    }
-    size_t at = 0;
-    size_t beyond = self->play_count;
-    while (beyond - at > 1u) { /* the last play that began by `first` */
-        const size_t middle = (at + beyond) / 2u;
-        if (self->plays[middle].period <= first) {
-            at = middle;
-        } else {
-            beyond = middle;
-        }
-    }
-    for (uint64_t period = first; period < first + periods; period++) {
-        while (at + 1u < self->play_count && self->plays[at + 1u].period <= period) {
-            at++;
-        }
-        for (uint32_t tick = 0; tick < PW_TICKS; tick++) {
-            for (uint32_t i = 0; i < PW_PROCESSORS; i++) {
-                *words = self->plays[at].words[i][tick];
-                words++;
-            }
-        }
-    }
-    return true;
+    const bool played = machine_serves(self) && first + periods <= self->boards.period + 1u;
+    return played && plays_read(&self->plays, first, periods, words);
 }
 
-void machine_fault(struct machine *self, uint8_t processor, uint16_t faults)
+bool machine_fault(struct machine *self, const struct machine_fault *fault)
 {
-    self->chain.processors[processor].lasting_faults = faults;
+    return faults_add(&self->faults, fault, self->tick);
 }

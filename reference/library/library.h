@@ -42,7 +42,31 @@ void machine_break(struct machine *self);
 
 /* What the ports played: 50 ticks x 10 words of each period from `first` on. False if it was not kept. */
 bool machine_words(const struct machine *self, uint64_t first, size_t periods, uint32_t *words);
-/* A fault of one processor (SAF-008) appears or goes: enum pw_fault of core/codes.h. */
-void machine_fault(struct machine *self, uint8_t processor, uint16_t faults);
+
+/* What can go wrong: the faults of docs/reference/faults.md, but for those of transducers, outputs and USB. */
+enum machine_trouble {
+    MACHINE_LOST_TOKEN, MACHINE_DOUBLED_TOKEN, MACHINE_FLIPPED_BIT, /* what: channel end; where: token; value: bit */
+    MACHINE_SLOW_LINK,       /* to a processor and back; value: core cycles of a token */
+    MACHINE_DEAD,
+    MACHINE_SLOW,            /* value: how many times as long it rasterises */
+    MACHINE_CLOCK,           /* value: billionths by which it runs fast. The wave does not move, only the count. */
+    MACHINE_NO_SYNC,
+    MACHINE_CELSIUS,         /* value */
+    MACHINE_MILLIVOLTS,      /* value */
+    MACHINE_STUCK_BIT,       /* where: address; what: bit; value: 0 or 1 */
+    MACHINE_FAILING_SECTOR,  /* where: an address in it */
+    MACHINE_FAILING_PAGE,
+    MACHINE_WRITE_PROTECTED,
+    MACHINE_CUT_IN_WRITE     /* where: bytes that are still written; value: periods without power, -1 for good */
+};
+struct machine_fault {
+    uint32_t kind;       /* enum machine_trouble */
+    uint32_t places;     /* processors at which it is, as bits */
+    uint64_t begin, end; /* ticks of machine_now */
+    uint32_t times;      /* that it strikes: of messages and power cuts; 1 for others */
+    int32_t what, where, value;
+};
+/* False if there are too many at once. What is wrong stays so over RESET and power-up. */
+bool machine_fault(struct machine *self, const struct machine_fault *fault);
 
 #endif

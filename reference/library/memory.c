@@ -20,7 +20,7 @@ void memory_close(struct memory *self)
 
 uint64_t memory_due(const struct memory *self)
 {
-    return self->cut && !self->dead ? self->cut_at : PW_NEVER;
+    return self->cut ? self->cut_at : PW_NEVER;
 }
 
 /* Random bits, the same ones in every run. */

@@ -50,6 +50,7 @@ def test_the_time_line_is_drawn_in_characters(budget: Run) -> None:
         assert (begin, end) < (later_begin, later_end)
         assert later_begin <= end
     assert "." in rows["boundary"].split()[-1]
+    assert "Memory of a processor: 56,352 of 65,536 bytes, 86%." in lines
     assert "50.22 µs at best; 75.21 µs just missing a boundary" in "\n".join(lines)
 
 

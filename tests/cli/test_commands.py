@@ -145,7 +145,7 @@ def test_field_reports_the_strongest_sample(phasewire: Run, small: Path) -> None
 def test_focus_reports(phasewire: Run, small: Path) -> None:
     outcome = phasewire("focus", "small.npz", "--json", "-")
     assert outcome.code == 0
-    assert "1 foci:" in outcome.err
+    assert "1 focus:" in outcome.err
     assert "null, " in outcome.err
     record = json.loads(outcome.out)
     assert record["format"] == "phasewire-focus-1"
@@ -211,6 +211,14 @@ def test_info_describes_the_device(phasewire: Run, monkeypatch: pytest.MonkeyPat
         monkeypatch.setenv("PHASEWIRE_DEVICE", "emulator:FROM-ENV")
         assert "FROM-ENV" in phasewire("info").out
         assert "FROM-ENV" not in phasewire("info", "--device", "emulator:").out
+    with Emulator(serial="FIRED") as emulator, open_device(emulator.url) as device:
+        assert "watchdog has" not in phasewire("info", "--device", "emulator:FIRED?door=serial").out
+        device.enable()
+        emulator.run(5000)
+        assert (
+            "off (OFF); the watchdog has turned them off"
+            in phasewire("info", "--device", "emulator:FIRED?door=serial").out
+        )
 
 
 UNITS = (" m.", " m;", "°C", " s.", " s;", " ns", " Hz", "Frequency", "per second", "Of the modulation.")
@@ -340,12 +348,16 @@ def test_a_signal_that_is_ignored_stays_so_and_at_the_end_all_are() -> None:
 BAD = [
     # (arguments, exit code, a part of the message)
     (("solve", "cube", "-o", "x.npz"), 2, "'cube' is neither a shape (asterisk, circle,"),
+    (("solve", "cube", "-o", "x.npz"), 2, "; it is an object for `phasewire touch`"),
+    (("play", "cup.STL:scale=0.001"), 2, "; it is an object for `phasewire touch`"),
     (("solve", "sphere:palm=0.5", "-o", "x.npz"), 2, "misses the sphere, which spans 0.12 to 0.22 m"),
     (
-        ("solve", "circle:height=200", "-o", "sphere.npz"),
+        ("solve", "circle:height=3", "-o", "sphere.npz"),
         2,
         "out of reach, more than 2 m away; coordinates are in metres",
     ),
+    (("solve", "circle:height=200", "-o", "x.npz"), 2, "positive and at most 5 m; lengths are in metres"),
+    (("solve", "circle", "-o", "x.npz", "--pitch", "10.3"), 2, "the array is 195.7 m wide, more than 5 m"),
     (("solve", "circle", "-o", "x.npz", "--columns", "99999999"), 2, "at most 1000000 are possible"),
     (("solve", "circle", "-o", "x.txt"), 2, "x.txt: the name of a solved file ends in .npz"),
     (("solve", "circle", "-o", "no/such/x.npz"), 2, "no/such/x.npz cannot be written: there is no folder no/such"),
@@ -380,11 +392,12 @@ BAD = [
     (
         ("show", "sphere.npz", "--device", "nonsense:"),
         3,
-        "the URL of a device begins with one of emulator:, rfc2217:, serial:, socket:, usb:",
+        "the URL of a device begins with one of emulator:, rfc2217:, serial:, socket:, usb:, usbip:",
     ),
     (("show", "sphere.npz", "--device", "emulator:NOT-THERE"), 3, "no device at 'emulator:NOT-THERE'"),
     (("show", "sphere.npz", "--seconds", "-1"), 2, "Invalid value for '--seconds'"),
     (("info", "--device", "COM3"), 3, "for this serial port write serial:COM3"),
+    (("conformance", "--device", "COM3"), 3, "for this serial port write serial:COM3"),
     (("info", "--device", "/dev/ttyACM0"), 3, "for this serial port write serial:///dev/ttyACM0"),
     (("info", "--device", "emulator:?door=serail"), 2, "unknown door 'serail'; known are usb, serial"),
     (("info", "--device", "serial:COM3?baud=fast"), 2, "baud 'fast' is no rate; write bits per second"),

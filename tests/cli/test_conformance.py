@@ -81,7 +81,7 @@ def test_all_options_reach_the_suite(phasewire: Phasewire, suite: Suite, tmp_pat
             "--only",
             "BLK",
             "--only",
-            "usb/",
+            "safety/",
             "--seed",
             "9",
         ),
@@ -95,7 +95,7 @@ def test_all_options_reach_the_suite(phasewire: Phasewire, suite: Suite, tmp_pat
             frozenset({Risk.RESET, Risk.DRIVE}),
             Profile("mine", {"serial": "none is fitted"}),
             {"blocks/a": "revision C"},
-            ("BLK", "usb/"),
+            ("BLK", "safety/"),
             9,
         )
     ]
@@ -133,6 +133,21 @@ def test_reports_are_written_whether_it_passes_or_not(phasewire: Phasewire, suit
     found = json.loads(Path("c.json").read_text())
     assert (found["format"], len(found["results"])) == ("phasewire-conformance-1", 9)
     assert {chapter["name"] for chapter in found["matrix"]["chapters"]} >= {"TIM", "BLK", "VER"}
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a disk that is always full")
+@pytest.mark.parametrize(("run", "code"), [(CLEAN, 2), (EVERY, 1)])
+@pytest.mark.parametrize("full", ["--html", "--junit", "--json"])
+def test_a_full_disk_loses_neither_the_verdict_nor_the_other_reports(
+    phasewire: Phasewire, suite: Suite, run: Run, code: int, full: str
+) -> None:
+    suite.run = run
+    files = {"--html": "c.html", "--junit": "c.xml", "--json": "c.json"} | {full: "/dev/full"}
+    outcome = phasewire(*(part for option in files.items() for part in option))
+    assert outcome.code == code
+    assert outcome.out.splitlines()[-1].startswith("FAIL" if code == 1 else "PASS")
+    assert outcome.err.splitlines()[-1] == "phasewire: /dev/full: No space left on device"
+    assert {path.name for path in Path().iterdir()} == set(files.values()) - {"/dev/full"}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -185,7 +200,9 @@ def test_a_signal_after_all_is_judged_waits_for_the_reports(
             ("--mutant", "horizon-is-judged"),
             "there is no mutant 'horizon-is-judged'; the nearest are horizon-is-not-judged, ",
         ),
-        (("--mutant", "?"), "docs/reference/mutants.md lists all"),
+        (("--mutant", "nonsense"), "there is no mutant 'nonsense'; docs/reference/mutants.md lists all"),
+        (("--only", "ACK-004", "--only", "safty"), "no case begins with 'safty'; --list names all"),
+        (("--list", "--only", "safty"), "no case begins with 'safty'; --list names all"),
         (("--mutant", "horizon-is-not-judged", "--device", "usb:"), "--mutant brings a device of its own"),
         (("--mutants", "--device", "usb:"), "--mutants brings devices of its own"),
         (
@@ -239,6 +256,17 @@ def test_the_list_names_all_clauses_and_needs_no_device(phasewire: Phasewire, su
     names = [clause["name"] for chapter in found["chapters"] for clause in chapter["clauses"]]
     assert names[0] == "TIM-001"
     assert all(name in outcome.out for name in names)
+    assert "…" not in outcome.out
+
+
+def test_the_list_of_some_cases_has_these_alone(phasewire: Phasewire) -> None:
+    outcome = phasewire("--list", "--only", "safety/the-watchdog-starts-with", "--json", "list.json")
+    record = json.loads(Path("list.json").read_text())
+    assert list(record["cases"]) == ["safety/the-watchdog-starts-with-enable"]
+    rows = [row for chapter in record["chapters"] for clause in chapter["clauses"] for row in clause["rows"]]
+    assert [row["cases"] for row in rows] == [list(record["cases"])] * len(rows)
+    assert {row["name"] for row in rows} == {"SAF-003", "STA-003"}
+    assert outcome.out.count("safety/") == len(rows)
 
 
 @pytest.mark.parametrize("arguments", [("--mutants",), ("--mutant", "horizon-is-not-judged")])

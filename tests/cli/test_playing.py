@@ -112,7 +112,7 @@ def test_every_command_that_plays_a_file_warns_of_another_array(phasewire: Run, 
     save_solution(tmp_path / "other.npz", solve(other, ControlPoints([[0, 0, 0.2]])))
     record(tmp_path / "other.frames", frames(2), 100, array=other, medium=Medium(frequency=25_000))
     for line in ("show other.npz --seconds 0", "stream other.npz --seconds 0.01", "stream other.frames"):
-        assert "warning: other." in phasewire(*line.split()).err
+        assert phasewire(*line.split()).err.count("was made for something else") == 1 + line.endswith("frames")
     assert "40000 Hz, not 25000 Hz" in phasewire("stream", "other.frames").err
 
 
@@ -249,7 +249,12 @@ def test_an_array_of_a_file_is_solved_for(phasewire: Run, tmp_path: Path) -> Non
     assert phasewire("record", "circle", "--array", "rig.toml", "--seconds", "0.002", "-o", "a.frames").code == 0
     with Recording.open(tmp_path / "a.frames") as recording:
         np.testing.assert_allclose(recording.array.positions, TransducerArray.grid(16, 20, 0.012).positions)
-    assert phasewire("stream", "circle", "--array", "rig.toml", *QUICK).code == 0
+    for command in (("stream", *QUICK), ("play", "--seconds", "0")):
+        outcome = phasewire(command[0], "circle", "--array", "rig.toml", *command[1:])
+        assert outcome.code == 0
+        assert "--array was made for something else: the device has 20 × 16 transducers" in " ".join(
+            outcome.err.split()
+        )
 
 
 @pytest.mark.parametrize("command", ["stream", "play"])

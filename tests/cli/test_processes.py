@@ -383,6 +383,13 @@ def test_sigterm_leaves_the_outputs_off(folder: Path) -> None:
     assert not (folder / "shown.json").exists()
 
 
+@pytest.mark.slow
+def test_compiling_is_told_once_without_a_terminal_too(folder: Path) -> None:
+    for told in (["phasewire compiles its kernels: up to a minute, the first time on a machine"], []):
+        ended = run(folder, "record circle --seconds 0.01 --output c.frames", NUMBA_CACHE_DIR=str(folder / "kernels"))
+        assert (ended.code, ended.err.splitlines()) == (0, told)
+
+
 def test_ctrl_c_in_a_computation_leaves_no_partial_file(folder: Path) -> None:
     before = {path.name for path in folder.iterdir()}
     command = [*COMMAND, "reproduce", "figure7", "--output", "f.png", "--json", "f.json"]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import tomllib
 from pathlib import Path
@@ -102,6 +104,22 @@ def test_mistakes_in_the_file_are_named(file: Path, phasewire: Run, text: str, m
     assert err.startswith(f"phasewire: {file}")
     assert message in err
     assert "Traceback" not in err
+
+
+def test_a_file_in_the_folder_of_another_user_is_not_read(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A container may leave $HOME as root's. The tests may run as root, so the refusal is made up."""
+    monkeypatch.delenv("PHASEWIRE_CONFIG")
+    path, stat = config_path(), Path.stat
+
+    def refused(self: Path, *, follow_symlinks: bool = True) -> os.stat_result:
+        if self == path:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(self))
+        return stat(self, follow_symlinks=follow_symlinks)
+
+    monkeypatch.setattr(Path, "stat", refused)
+    for command in ("budget", "config"):
+        code, _, err = phasewire(command)
+        assert (code, f"warning: {path}: Permission denied; $PHASEWIRE_CONFIG can name" in err) == (0, True)
 
 
 def test_help_and_version_work_with_a_broken_file(file: Path, phasewire: Run) -> None:

@@ -191,3 +191,12 @@ def test_the_spectrum_of_full_drive_is_that_of_a_square_wave(emulator: Emulator)
     assert max(level for kilohertz, level in tops.items() if kilohertz % 40) == -80
     with pytest.raises(ValueError, match="output 320 must be from 0 to 319"):
         capture.plot_spectrum(output=320)
+    with pytest.raises(ValueError, match="output 320 must be from 0 to 319"):
+        capture.plot(outputs=[0, 320])
+
+
+def test_an_empty_capture_has_no_picture() -> None:
+    capture = Emulator().capture()
+    with pytest.raises(ValueError, match="from tick 0 to 0 make no picture; give some outputs, and let time pass"):
+        capture.plot()
+    assert capture._repr_png_() is None

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from phasewire import Emulator, Pulses, open_device
 from phasewire.emulator.machine import open_emulators
+from phasewire.errors import DeviceNotFoundError
 from phasewire.protocol.codes import Request
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import Link
@@ -19,6 +20,22 @@ def test_it_is_open_within_its_context_only() -> None:
         with pytest.raises(ValueError, match="'A' is already open"):
             Emulator(serial="A").__enter__()
     assert open_emulators() == []
+
+
+def test_it_stays_open_without_a_context_until_it_is_closed() -> None:
+    emulator = Emulator(serial="A")
+    for url in ("emulator:A", "emulator:A?door=serial"):
+        with pytest.raises(
+            DeviceNotFoundError, match=r"an Emulator answers in a with statement, or after its open\(\)"
+        ):
+            open_device(url)
+    with open_device(emulator.open().url) as device:
+        assert device.serial == "A"
+    for _ in range(2):
+        emulator.close()
+        assert open_emulators() == []
+    with pytest.raises(ValueError, match="this emulator is closed; make a new one"):
+        emulator.open()
 
 
 def test_serial_numbers_differ() -> None:

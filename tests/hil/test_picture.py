@@ -46,8 +46,8 @@ def test_the_waves_are_the_captured_bits_in_microseconds(sphere_solution: Soluti
     values, edges, _ = topmost.get_data()
     assert (edges[0], edges[50], edges[-1]) == (-25, 0, 50)
     np.testing.assert_array_equal(values > values.min(), run.capture.channels(first - 50, first + 100)[:, 0] == 1)
-    assert axes.get_yticklabels()[0].get_text() == "board 0 processor 0 bit  0"
-    assert axes.get_yticklabels()[-1].get_text() == "board 4 processor 1 bit 31"
+    assert (axes.get_ylabel(), axes.get_yticklabels()[0].get_text()) == ("board, processor, bit", "0, 0, 0")
+    assert axes.get_yticklabels()[-1].get_text() == "4, 1, 31"
 
 
 @pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])

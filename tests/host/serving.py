@@ -29,26 +29,38 @@ HISTORY_PERIODS = 4_000
 
 
 class Served:
-    """An emulated device at a port of USB/IP, and at another or a pseudo-terminal; its loop has a thread of its own."""
+    """Emulated devices at a port of USB/IP, the first also at another or a pseudo-terminal; one thread is theirs."""
 
     def __init__(
-        self, *, pty: bool, pace: Pace = Pace.FAST, baud: int = BAUD, history_periods: int = HISTORY_PERIODS
+        self,
+        *,
+        pty: bool,
+        pace: Pace = Pace.FAST,
+        baud: int = BAUD,
+        history_periods: int = HISTORY_PERIODS,
+        count: int = 1,
     ) -> None:
         self._pty, self._pace, self._baud, self._history_periods = pty, pace, baud, history_periods
+        self._count = count
         self._open = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
 
     async def _serve(self) -> None:
         self._loop = asyncio.get_running_loop()
-        self.emulator = Emulator(history_periods=self._history_periods)
-        station = Station(self.emulator.scheduler, self._pace)
+        self.emulators = [Emulator(history_periods=self._history_periods) for _ in range(self._count)]
+        self.emulator = self.emulators[0]
+        stations = {each.serial: Station(each.scheduler, self._pace) for each in self.emulators}
+        station = stations[self.emulator.serial]
         uart = Uart(lambda: self.emulator.line, self.emulator.scheduler, self._baud)
-        async with Server({self.emulator.serial: station}, lambda line: None) as self._server:
+        async with Server(stations, lambda line: None) as self._server:
             if self._pty:
                 self.where = self._server.open_pty(uart, station)
             else:
                 self.where = f"{LOOPBACK}:{await self._server.listen_serial(uart, station, LOOPBACK, 0)}"
-            exports = {"1-1": Exported(1, 1, self.emulator.usb, station)}
+            exports = {
+                f"1-{number}": Exported(1, number, each.usb, stations[each.serial])
+                for number, each in enumerate(self.emulators, 1)
+            }
             self.usbip_port = await self._server.listen_usbip(exports, LOOPBACK, 0)
             self._open.set()
             await self._server.serve(LONGEST)
@@ -156,6 +168,9 @@ class Redirector:
 def served_url(scheme: str, *, pace: Pace = Pace.WALL, baud: int = BAUD) -> Iterator[tuple[str, Emulator]]:
     """The URL of a fresh emulated device that is reached by a scheme."""
     with Served(pty=scheme != "socket", pace=pace, baud=baud) as served:
+        if scheme == "usbip":
+            yield f"usbip:{LOOPBACK}:{served.usbip_port}", served.emulator
+            return
         if scheme == "rfc2217":
             with Redirector(served.where) as redirector:
                 yield f"rfc2217://{LOOPBACK}:{redirector.port}?baud={baud}", served.emulator

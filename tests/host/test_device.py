@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from phasewire import Emulator, Pulses, Wiring, open_device
+from phasewire import Circle, Emulator, Medium, Pulses, TransducerArray, Wiring, open_device, sine, solve
 from phasewire.emulator import faults
 from phasewire.emulator.doors.backend import Port
 from phasewire.errors import (
@@ -60,6 +60,19 @@ def test_what_is_shown_is_emitted(emulator: Emulator) -> None:
     assert np.abs(drive) == pytest.approx(np.sin(np.pi * MIXED.width / 50), abs=1e-6)
     on = MIXED.width > 0
     assert np.exp(1j * np.angle(drive[on])) == pytest.approx(np.exp(2j * np.pi * MIXED.phase[on] / 100), abs=1e-6)
+
+
+def test_a_solution_for_another_array_is_warned_of_once(emulator: Emulator) -> None:
+    turned = solve(TransducerArray.grid(16, 20), Circle(), medium=Medium(frequency=25_000))
+    with open_device(emulator.url) as device:
+        with pytest.warns(UserWarning, match="made for something else") as warned:
+            device.show(turned)
+        device.store(0, turned)
+        device.show(solve(TransducerArray.grid(), Circle()))
+    assert [str(each.message).partition(": ")[2] for each in warned] == [
+        "the device has 20 × 16 transducers, 10.3 mm apart",
+        "the device's carrier has 40000 Hz, not 25000 Hz",
+    ]
 
 
 def test_a_drive_is_corrected_by_the_calibration(emulator: Emulator) -> None:
@@ -165,12 +178,14 @@ def test_a_modulation_goes_round_and_ends(emulator: Emulator) -> None:
 
 
 @pytest.mark.parametrize(
-    ("samples", "hold"), [([], 1), ([256], 1), ([-1], 1), (bytes(4097), 1), ([1], 0), ([1], 2**16)], ids=str
+    ("samples", "hold"),
+    [([], 1), ([256], 1), ([-1], 1), (bytes(4097), 1), ([1], 0), ([1], 2**16), (sine(200), 1), (None, sine(9))],
+    ids=str,
 )
 def test_samples_out_of_range_send_nothing(emulator: Emulator, samples: Any, hold: int) -> None:
     with open_device(emulator.url) as device:
         before = device.status().accepted
-        with pytest.raises(ValueError, match=r"sample"):
+        with pytest.raises(ValueError, match=r"sample|as in modulate\(\*sine\(200\)\)"):
             device.modulate(samples, hold)
         assert (device.status().accepted, device.status().enabled) == (before, False)
 

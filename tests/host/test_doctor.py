@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import usb.core
-from phasewire import Emulator
+from phasewire import Emulator, open_device
 from phasewire.emulator import faults
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.doors.station import Pace
@@ -287,8 +287,6 @@ def test_processors_with_different_firmware_are_found(emulator: Emulator, monkey
 
 
 def test_settings_of_an_earlier_host_are_found(emulator: Emulator) -> None:
-    from phasewire import open_device
-
     with open_device(emulator.url) as device:
         device.set_watchdog(0.05)
         device.set_drive_limit(10)
@@ -296,6 +294,23 @@ def test_settings_of_an_earlier_host_are_found(emulator: Emulator) -> None:
     assert bad(findings) == {"settings": WARN}
     assert findings["settings"].seen == ("watchdog 50 ms, drive limit 10 transducers; at power-up 100 ms and 320")
     assert findings["settings"].advice.startswith("phasewire or another program has set them so since power-up")
+    emulator.restart()
+    url = f"{emulator.url}?door=serial"
+    with open_device(url):
+        pass
+    assert bad(found_by(url)) == {}, "the slow line needs its watchdog time"
+    findings = found_by(emulator.url)
+    assert findings["settings"].seen.startswith("watchdog 907 ms")
+    assert "if it plays over a slow serial line" in findings["settings"].advice
+
+
+def test_a_watchdog_that_fired_is_told(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.enable()
+        emulator.run(5000)  # 125 ms without a host
+    findings = found_by(emulator.url)
+    assert bad(findings) == {}
+    assert "; the watchdog has turned the outputs off" in findings["settings"].seen
 
 
 def test_an_invalid_wiring_table_is_found(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -551,10 +566,18 @@ def test_the_console_s_port_is_named(
     assert seen in finding.seen
 
 
-@pytest.mark.parametrize("url", ["emulator:NO-SUCH", "nonsense:", "usb:no-such-serial"])
-def test_without_a_device_the_computer_is_examined(url: str) -> None:
+@pytest.mark.parametrize(
+    ("url", "remedy"),
+    [
+        ("emulator:NO-SUCH", "plug it in, with power; emulator: always works"),
+        ("nonsense:", "plug it in, with power; emulator: always works"),
+        ("usb:no-such-serial", "plug it in, with power; emulator: always works"),
+        ("COM3", "for this serial port write serial:COM3"),
+    ],
+)
+def test_without_a_device_the_computer_is_examined(url: str, remedy: str) -> None:
     findings = found_by(url)
-    assert findings["device"].verdict is FAIL
+    assert (findings["device"].verdict, findings["device"].advice) == (FAIL, remedy)
     after = CHECKS[CHECKS.index("device") + 1 :]
     assert {findings[name].verdict for name in after} == {SKIPPED}
     assert findings["python"].verdict is OK

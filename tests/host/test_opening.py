@@ -12,7 +12,8 @@ from phasewire.host.lines.opening import default_url, load_by_scheme
 @pytest.mark.parametrize("url", ["nonsense:", "nonsense", "", ":", "emulator", "http://127.0.0.1/"])
 def test_an_unknown_url_names_the_known_ones(url: str) -> None:
     with pytest.raises(
-        DeviceNotFoundError, match="the URL of a device begins with one of emulator:, rfc2217:, serial:, socket:, usb:"
+        DeviceNotFoundError,
+        match="the URL of a device begins with one of emulator:, rfc2217:, serial:, socket:, usb:, usbip:",
     ):
         open_device(url)
 
@@ -38,8 +39,8 @@ def test_the_variable_names_the_default_device(monkeypatch: pytest.MonkeyPatch) 
 def test_transports_and_buses_are_found_by_entry_point() -> None:
     ports = {"serial", "socket", "rfc2217"}
     for group, schemes in (
-        ("phasewire.transports", {"usb", "emulator"} | ports),
-        ("phasewire.usb_backends", {"usb", "emulator"}),
+        ("phasewire.transports", {"usb", "usbip", "emulator"} | ports),
+        ("phasewire.usb_backends", {"usb", "usbip", "emulator"}),
         ("phasewire.serial_ports", {"emulator"} | ports),
     ):
         assert {entry.name for entry in entry_points(group=group)} >= schemes

@@ -188,6 +188,7 @@ def test_descriptions_of_acknowledgements() -> None:
         (ACK.encode()[:31], "", "an acknowledgement has 32 bytes, not 31"),
         (b"", "", "an acknowledgement has 32 bytes, not 0"),
         (b"PA\2" + ACK.encode()[3:28], "", "an acknowledgement has 32 bytes, not 28"),
+        (replace(ACK, reason=Reason.DRIVE).encode(), "", "commit_period 300 should be 0: the block is refused"),
     ],
 )
 def test_descriptions_of_broken_records_have_the_reason(data: bytes, reason: str, text: str) -> None:

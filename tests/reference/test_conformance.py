@@ -10,18 +10,16 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.reference.conftest import BUILD_SECONDS, REFERENCE
+from tests.reference.building import END_SECONDS, REFERENCE, running
 
 ALLOWED = [word for risk in ("reset", "flash", "drive") for word in ("--allow", risk)]
 SUITE_SECONDS = 1200
-DEVICE_SECONDS = 60
 
 ON_ANY_LINE = (
     "needs a second device",
@@ -76,30 +74,15 @@ def test_the_library_passes(
     check(tmp_path / "report.json", said, (*may_be_open, "needs faults"))
 
 
-@contextmanager
-def running(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
-    """The port for POSIX: its process, and what it says of its doors."""
-    subprocess.run(["make", "-s", "-C", REFERENCE, "posix"], check=True, timeout=BUILD_SECONDS)
-    program = REFERENCE / "build" / "phasewire-reference"
-    with subprocess.Popen([program, *arguments], stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            yield process, json.loads(process.stdout.readline())
-        finally:
-            process.send_signal(signal.SIGTERM)
-            process.wait(DEVICE_SECONDS)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("door", "may_be_open"),
     [("usbip", ON_ANY_LINE + WITHOUT_LEVERS), ("serial", ON_ANY_LINE + WITHOUT_LEVERS + SERIAL)],
 )
 def test_the_port_for_posix_passes_with_a_recording_of_its_outputs(
-    machine: Callable[..., Any], tmp_path: Path, door: str, may_be_open: tuple[str, ...]
+    tmp_path: Path, door: str, may_be_open: tuple[str, ...]
 ) -> None:
     """By the wall clock, over TCP, with all 320 outputs recorded; the recording ends when all cases have played."""
-    del machine
     outputs = tmp_path / "run.sr"
     options = ["--usbip", "0"] if door == "usbip" else ["--serial", "tcp:0"]
     with running(*options, "--outputs", str(outputs)) as (device, doors):
@@ -111,5 +94,5 @@ def test_the_port_for_posix_passes_with_a_recording_of_its_outputs(
             said.append(line)
             if "end the recording" in line:
                 device.send_signal(signal.SIGTERM)
-        run.wait(DEVICE_SECONDS)
+        run.wait(END_SECONDS)
     check(tmp_path / "report.json", "".join(said), may_be_open)

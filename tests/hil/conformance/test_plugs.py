@@ -22,7 +22,7 @@ from phasewire.hil.conformance import Run, Verdict
 from phasewire.hil.conformance.cases import Need, Risk
 from phasewire.hil.conformance.levers import GROUP, Levers, open_levers
 from phasewire.hil.conformance.running import RunOptions, run_conformance
-from phasewire.host.lines.opening import entries
+from phasewire.host.lines.opening import SCHEMES, entries
 
 from tests.host.serving import Served
 
@@ -209,9 +209,21 @@ def test_unusable_levers_and_captures_are_refused(
         run_conformance(RunOptions(url, **options))
 
 
-@pytest.mark.parametrize("device", ["tee:log:usb:", "nonsense"])
-def test_a_device_without_a_raw_line_is_refused_and_the_error_says_why(device: str) -> None:
-    complaint = "must also send what is wrong, which a transport cannot.* there are emulator:, .*, socket:, usb:$"
+@pytest.mark.parametrize(
+    ("device", "complaint"),
+    [
+        (
+            "tee:log:usb:",
+            "must also send what is wrong, which a transport cannot.* there are emulator:, .*, usb:, usbip:$",
+        ),
+        ("nonsense", "^no device at 'nonsense': the URL of a device begins with one of emulator:, .*, usbip:$"),
+        ("COM3", "; for this serial port write serial:COM3$"),
+    ],
+)
+def test_a_device_without_a_raw_line_is_refused_and_the_error_says_why(
+    device: str, complaint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(entries(SCHEMES), "tee", entries(SCHEMES)["usb"])  # a transport of another package
     with pytest.raises(DeviceNotFoundError, match=complaint):
         run_conformance(RunOptions(device))
 

@@ -7,6 +7,7 @@ import re
 import signal
 import sys
 import textwrap
+from collections.abc import Hashable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from phasewire.errors import DeviceError, DeviceNotFoundError
 from phasewire.hil.conformance import Result, Run, Verdict, running
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Risk
-from phasewire.hil.conformance.plugin import Watcher
+from phasewire.hil.conformance.plugin import Judge, Watcher
 from phasewire.hil.conformance.profile import Profile
 from phasewire.hil.conformance.running import RunOptions, catalogue, run_conformance
 from phasewire.protocol.codes import State
@@ -130,6 +131,35 @@ def test_a_case_leaves_its_blocks_requests_and_answers_as_evidence(groups: Path)
     assert result.evidence[0].text.startswith("50 57 01 09 ")
     assert "ACCEPTED" in result.evidence[1].text
     assert labels[-1] == "status at the end"
+
+
+@pytest.mark.parametrize("url", ["emulator:", "emulator:?door=serial"])
+def test_what_a_case_sends_by_itself_is_evidence_too(groups: Path, url: str) -> None:
+    write(
+        groups,
+        "past",
+        '''
+        from phasewire.hil.conformance.tools.steps import forge, raw_records
+
+        @case("CON-001")
+        def test_text(bench: Bench) -> None:
+            """Text of the console."""
+            bench.serial.enter_console()
+            bench.serial.command("clock")
+
+        @case("BLK-003")
+        def test_block(bench: Bench) -> None:
+            """A block is refused."""
+            raw_records(bench, [forge(bench, NoOp(), checksum=0)])
+        ''',
+    )
+    text, block = (
+        [(each.label, each.text) for each in result.evidence] for result in run_conformance(RunOptions(url)).results
+    )
+    sent = text.index(("to the serial line", b"clock\r".hex(" ")))
+    assert text[sent + 1][0] == "from the serial line"
+    assert [label for label, _ in block] == ["block", "records", "status at the end"]
+    assert block[0][1].startswith("50 57 01 09 ")
 
 
 @pytest.mark.parametrize(
@@ -644,3 +674,8 @@ def test_a_device_of_other_versions_is_not_judged(
     )
     with pytest.raises(DeviceError, match="speaks versions"):
         run_conformance(RunOptions("emulator:"))
+
+
+def test_a_judge_can_be_a_plugin_of_any_pytest() -> None:
+    """Before 9.1 pytest keeps plugins in a set."""
+    assert issubclass(Judge, Hashable)

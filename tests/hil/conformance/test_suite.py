@@ -184,7 +184,7 @@ NO_BREAK = Profile(
 @pytest.mark.slow
 # By pyserial's client of RFC 2217.
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")
-@pytest.mark.parametrize("scheme", ["serial", "socket", "rfc2217"])
+@pytest.mark.parametrize("scheme", ["serial", "socket", "rfc2217", "usbip"])
 def test_no_case_speaks_against_the_emulator_at_the_end_of_a_line(scheme: str) -> None:
     with served_url(scheme) as (url, _):
         run = run_conformance(RunOptions(url, only=SOME, profile=NO_BREAK if scheme == "rfc2217" else Profile()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 import time
 from collections.abc import Iterator
@@ -14,7 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire.errors import InputFileError, TrackerError, TrackerLostError, TrackerNotFoundError
+from phasewire.errors import InputFileError, MissingExtraError, TrackerError, TrackerLostError, TrackerNotFoundError
+from phasewire.extras import install_command
 from phasewire.host.hands import open_hands
 from phasewire.host.hands import video as video_module
 from phasewire.host.hands.picture_tracker import SeenHand, View
@@ -266,6 +268,7 @@ def scheme(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 
 def test_the_model_is_asked_for(scheme: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(MODEL_VARIABLE, raising=False)
+    installed(monkeypatch, Vision())
     for url in (scheme, f"{scheme}?model="):
         with pytest.raises(ValueError, match=r"\?model=hand_landmarker\.task.*\$PHASEWIRE_HAND_MODEL.*https://"):
             open_hands(url)
@@ -278,8 +281,10 @@ def test_a_missing_model_is_named(scheme: str) -> None:
 
 def test_a_missing_extra_is_named(scheme: str, model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mediapipe", None)  # as if it was not installed
-    with pytest.raises(TrackerNotFoundError, match=r"need MediaPipe .*pip install 'phasewire\[video\]'"):
-        open_hands(f"{scheme}?model={model}")
+    monkeypatch.delenv(MODEL_VARIABLE, raising=False)
+    for url in (scheme, f"{scheme}?model={model}"):
+        with pytest.raises(MissingExtraError, match=f"package mediapipe, .*: {re.escape(install_command('video'))}"):
+            open_hands(url)
 
 
 @pytest.mark.parametrize(
@@ -369,7 +374,7 @@ def test_readiness(monkeypatch: pytest.MonkeyPatch, model: Path) -> None:
     monkeypatch.setattr(video_module, "find_spec", lambda name: None)
     for scheme in (VIDEO, CAMERA):
         assert not scheme.probe().ready
-        assert "pip install 'phasewire[video]'" in scheme.probe().says
+        assert install_command("video") in scheme.probe().says
     monkeypatch.setattr(video_module, "find_spec", lambda name: object())
     assert VIDEO.probe().ready
     assert "$PHASEWIRE_HAND_MODEL" in VIDEO.probe().says

@@ -39,6 +39,7 @@ def test_the_caller_s_array_is_copied() -> None:
         ({"rows": -1}, "rows -1"),
         ({"pitch": 0}, "pitch 0 m must be positive"),
         ({"pitch": np.nan}, "pitch nan"),
+        ({"pitch": 10.3}, "the array is 195.7 m wide, more than 5 m; lengths are in metres: 10.3 mm is 0.0103"),
     ],
 )
 def test_impossible_grids_are_refused(arguments: dict[str, Any], message: str) -> None:
@@ -124,6 +125,7 @@ def test_joined_panels_stand_in_their_order() -> None:
         (lambda a: a.placed(np.eye(3), [0, 0]), r"translation \[0.0, 0.0\] m must be three finite numbers"),
         (lambda a: a.placed(np.eye(3), [0, 0, np.inf]), "translation"),
         (lambda a: TransducerArray.joined([]), "at least one array"),
+        (lambda a: TransducerArray.joined([a, a.rotated(180)]), "transducers 0 and 7 are both at .* m; each needs a p"),
         (
             lambda a: TransducerArray.joined([a, TransducerArray.grid(1, 1, transducer=Transducer(5e-3))]),
             "all of the same transducer",

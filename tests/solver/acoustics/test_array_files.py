@@ -47,6 +47,13 @@ def test_a_panel_of_a_file_is_turned_and_then_moved(tmp_path: Path) -> None:
     assert array.transducer.radius == 0.008
 
 
+def test_columns_are_found_by_their_names(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("nx,ny,nz,x,y,z\n0,0,1,0.01,0,0\n1,0,0,0,0.02,0\n")
+    array = read_transducers(tmp_path / "a.csv")
+    np.testing.assert_array_equal(array.positions, [[0.01, 0, 0], [0, 0.02, 0]])
+    np.testing.assert_array_equal(array.normals, [[0, 0, 1], [1, 0, 0]])
+
+
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
@@ -57,11 +64,20 @@ def test_a_panel_of_a_file_is_turned_and_then_moved(tmp_path: Path) -> None:
         ("a.json", "{}", r"is read from a \.csv or \.toml file"),
         ("a.toml", "", r"it has no panels; each begins with \[\[panel\]\]"),
         ("a.toml", "pitch = 1", "there is no field 'pitch'; the fields are panel, transducer"),
-        ("a.toml", "[[panel]]\ncolumns = 3\nrows = 2\n", "panel 1: pitch_m is None; it must be a finite number"),
+        (
+            "a.toml",
+            "[[panel]]\ncolumns = 3\nrows = 2\n",
+            "panel 1: it has no pitch; give pitch_mm, such as 10.3, or pitch_m",
+        ),
         ("a.toml", "[[panel]]\nrows = 2\npitch_m = 0.01\n", "panel 1: columns is None; it must be a whole number"),
         ("a.toml", GRID + "pitch_m = 0.01\n", "pitch_m and pitch_mm exclude each other"),
         ("a.toml", GRID + GRID + "turn = 3\n", "panel 2: there is no field 'turn'"),
         ("a.toml", GRID + "rotation_degrees = 3\n", "it must be three finite numbers"),
+        ("a.toml", GRID.replace("_mm", "_m"), "panel 1: the array is 20 m wide, .* lengths are in metres"),
+        ("a.toml", GRID + GRID, r"a.toml: transducers 0 and 6 are both at \[-0.01, -0.005, 0.0\] m"),
+        ("a.csv", "x,y,z\n0,0,0\n10.3,0,0\n", "the array is 10.3 m wide, more than 5 m; .*: 10.3 mm is 0.0103"),
+        ("a.csv", "x,y,nx,ny,nz,w\n", "line 1: the columns are x, y, nx, ny, nz, w; they must be x,y,z or x,y,z,nx,ny"),
+        ("a.toml", '[[panel]]\nfile = "no.csv"\n', "a.toml, panel 1: file 'no.csv' cannot be read: No such file"),
         ("a.toml", '[[panel]]\nfile = "a.toml"\n', r"it must be the name of a \.csv file"),
         ("a.toml", '[transducer]\nname = "X"\n' + GRID, "unknown transducer 'X'; known are MA40S4S"),
         ("a.toml", '[transducer]\nradius = "X"\n' + GRID, "transducer radius is 'X'; it must be a number"),
@@ -74,7 +90,8 @@ def test_bad_files_are_named(tmp_path: Path, name: str, text: str, message: str)
         read_transducers(tmp_path / name)
 
 
-def test_text_in_utf_16_is_named(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("0,0,0\n", encoding="utf-16")
+@pytest.mark.parametrize(("name", "text"), [("a.csv", "0,0,0\n"), ("a.toml", GRID)])
+def test_text_in_utf_16_is_named(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-16")
     with pytest.raises(InputFileError, match="is text in UTF-16; save it as UTF-8"):
-        read_transducers(tmp_path / "a.csv")
+        read_transducers(tmp_path / name)

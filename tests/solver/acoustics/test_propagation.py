@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire import Medium, Transducer, TransducerArray, pressure
+from phasewire import Circle, Medium, Transducer, TransducerArray, pressure
 from phasewire.solver import MODELS, Aperture, residual, slice_field
 from phasewire.solver.acoustics.models import directivity
 from phasewire.solver.acoustics.propagation import arrivals, transfer_matrix
@@ -53,6 +53,16 @@ def test_a_long_list_of_points_is_the_same_as_its_parts(array: TransducerArray) 
     drive = np.exp(1j * np.arange(320))
     whole = pressure(array, drive, points)
     np.testing.assert_allclose(whole[[0, 4095, 4096, 4999]], pressure(array, drive, points[[0, 4095, 4096, 4999]]))
+
+
+def test_points_are_coordinates_control_points_or_a_shape(array: TransducerArray) -> None:
+    points = Circle().sample()
+    wanted = pressure(array, np.ones(320), points.positions)
+    for at in (points, Circle()):
+        np.testing.assert_array_equal(pressure(array, np.ones(320), at), wanted)
+        np.testing.assert_array_equal(
+            transfer_matrix(array, at).sum(axis=1), transfer_matrix(array, points).sum(axis=1)
+        )
 
 
 def test_a_bad_point_far_down_the_list_is_named_by_its_number(array: TransducerArray) -> None:

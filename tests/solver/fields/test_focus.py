@@ -193,7 +193,7 @@ def test_the_record_is_json_and_the_summary_says_it() -> None:
     assert record["ghosts"][0]["pressure"] == report.ghosts[0].pressure
     assert record["foci"][0]["width"] == list(report.foci[0].width)
     summary = report.summary()
-    for words in ("2 foci:", "missing: 1\n", f"ghosts: {len(report.ghosts)} (", "1 nulls:"):
+    for words in ("2 foci:", "missing: 1\n", f"ghosts: {len(report.ghosts)} (", "1 null:"):
         assert words in summary
 
 

@@ -34,6 +34,7 @@ def test_94_decibels_are_one_pascal_rms_and_ten_milliwatts() -> None:
     one = np.sqrt(2)
     assert sound_pressure_level(one) == pytest.approx(93.98, abs=0.01)
     assert intensity(one, AIR) == pytest.approx(1 / 413.2, rel=1e-3)
+    assert (intensity(one), radiation_pressure(one)) == (intensity(one, AIR), radiation_pressure(one, AIR))
 
 
 def test_radiation_pressure_is_the_momentum_of_the_wave() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 from phasewire import Mesh
-from phasewire.errors import InputFileError
+from phasewire.errors import InputFileError, MissingExtraError
 from phasewire.solver.objects.mesh_files import MESH_FILES, MOST_PARTS, read_mesh
 
 from tests.solver.contact.cuts import in_trimesh
@@ -199,6 +199,13 @@ def test_invalid_mesh_files_are_refused_by_name(name: str, tmp_path: Path) -> No
     kind, data, message = HOSTILE[name]
     path = written(tmp_path, kind, data)
     with pytest.raises(InputFileError, match=rf"(?s)^{path}.*({message})"):
+        read_mesh(path)
+
+
+def test_a_trimesh_that_is_too_old_is_no_damage_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path, "stl", exported(SHAPE, "stl"))
+    monkeypatch.delattr(trimesh, "load_scene")
+    with pytest.raises(MissingExtraError, match=r"reading STL needs .* trimesh, which cannot be used .*load_scene"):
         read_mesh(path)
 
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import gzip
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +17,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from phasewire import Mesh, read_volume_mesh
 from phasewire.errors import InputFileError
+from phasewire.extras import install_command
 from phasewire.solver.objects import volumes
 from phasewire.solver.objects.volumes import read_volume
 from pydicom.dataset import FileDataset, FileMetaDataset
@@ -274,6 +276,6 @@ def test_a_missing_library_is_named(module: str, package: str, tmp_path: Path, m
         dicom(tmp_path / "s", COUNTS) if module == "pydicom" else nifti(tmp_path / "a.nii", BALL, np.diag([2, 2, 2, 1]))
     )
     monkeypatch.setitem(sys.modules, module, None)
-    message = rf"{package} is needed for this, and is not installed: pip install 'phasewire\[volumes\]'"
+    message = rf"{package} is needed for this, and is not installed: {re.escape(install_command('volumes'))}"
     with pytest.raises(InputFileError, match=message):
         read_volume_mesh(path, 0)

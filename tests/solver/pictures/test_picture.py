@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,10 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from phasewire import ControlPoints, Medium, TransducerArray
+from phasewire.solver.fields.drawing import _lit, draw_oil
 from phasewire.solver.fields.field import PlaneField, sample_cut
 from phasewire.solver.fields.grid import Grid
 from phasewire.solver.fields.quantities import intensity
-from phasewire.solver.pictures.picture import _lit, draw_oil, save_field_picture
+from phasewire.solver.methods.solve import Wanted
+from phasewire.solver.pictures.picture import save_field_picture
 
 SMALL = TransducerArray.grid(4, 3)
 LYING = Grid.along("xy", (0, 0.01, 0.1), [0.06, 0.04], 5e-3)
@@ -23,10 +26,17 @@ def field_over(grid: Grid) -> PlaneField:
     return sample_cut(SMALL, np.exp(1j * np.arange(12)), grid, Medium(25))
 
 
-def drawn(grid: Grid, points: ControlPoints | None = None, quantity: str = "pressure") -> Axes:
+def drawn(grid: Grid, points: Wanted | None = None, quantity: str = "pressure", **style: Any) -> Axes:
     axes: Axes = Figure().subplots()
-    field_over(grid).plot(axes, points=points, quantity=quantity)
+    field_over(grid).plot(axes, points=points, quantity=quantity, **style)
     return axes
+
+
+@pytest.mark.parametrize("quantity", ["pressure", "oil"])
+def test_options_go_to_matplotlib(quantity: str) -> None:
+    axes = drawn(LYING, quantity=quantity, title="Mine", cmap="gray", vmax=0.5)
+    (image,) = axes.images
+    assert (axes.get_title(), image.get_cmap().name, image.get_clim()) == ("Mine", "gray", (0, 0.5))
 
 
 @pytest.mark.parametrize(
@@ -57,8 +67,10 @@ def test_control_points_in_the_plane_are_marked(
     grid: Grid, point: tuple[float, float, float], at: tuple[float, float]
 ) -> None:
     away = np.array(point) + 2e-3 * grid.normal
-    (marks,) = drawn(grid, ControlPoints(np.array([point, away]))).lines
-    np.testing.assert_allclose(np.asarray(marks.get_xydata()), [at], atol=1e-9)
+    points = ControlPoints(np.array([point, away]))
+    for wanted in (points, points.positions):
+        (marks,) = drawn(grid, wanted).lines
+        np.testing.assert_allclose(np.asarray(marks.get_xydata()), [at], atol=1e-9)
 
 
 def test_a_quantity_is_drawn_in_its_unit() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,6 +123,14 @@ def test_impossible_copies_and_sums_are_refused(
         make()
 
 
+def test_shapes_and_points_are_added_by_sum() -> None:
+    parts: list[Any] = [Circle(), Circle().moved((0.1, 0, 0)), ControlPoints([[0, 0, 0.2]])]
+    total: Any = sum(parts)
+    np.testing.assert_array_equal(total.sample().positions, (parts[0] + parts[1] + parts[2]).sample().positions)
+    points: Any = sum(parts[2:] * 3)
+    assert len(points) == 3
+
+
 def test_a_tiny_circle_is_one_point() -> None:
     assert len(Circle(1e-3).sample(0.015)) == 1
 
@@ -158,7 +167,8 @@ def test_the_help_of_shapes_can_be_parsed() -> None:
         ("circle:size=1", "circle has no parameter 'size'; it has height, radius, x, y"),
         ("circle:radius=big", "circle radius 'big' is not a number of metres"),
         ("circle:radius", "circle radius '' is not a number"),
-        ("circle:radius=-1", "circle radius -1.0 m must be positive and at most 1000 m"),
+        ("circle:radius=-1", "circle radius -1.0 m must be positive and at most 5 m"),
+        ("circle:radius=20", "circle radius 20.0 m must be positive and at most 5 m"),
         ("circle:x=nan", "circle x nan m must be at most 1000 m"),
         ("polygon:sides=4.5", "polygon sides '4.5' is not a whole number"),
         ("polygon:sides=2", "polygon sides 2 must be a whole number from 3 to 4096"),

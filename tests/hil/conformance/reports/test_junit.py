@@ -51,6 +51,13 @@ def test_what_breaks_is_a_failure_and_what_is_not_judged_is_skipped() -> None:
         "run/known failure blocks/ghost names no case": "error",
     }
     assert message("blocks/bad[a b]") == "failed 2 of 2: the state is OFF, should be READY"
+    failure = CASES["blocks/bad[a b]"].findtext("failure") or ""
+    assert failure.splitlines()[:4] == [
+        "A bad block is refused, for damage must not play.",
+        "failed 2 of 2: the state is OFF, should be READY",
+        "step 4: 04 00",
+        "step 5: 05 00",
+    ]
     assert message("blocks/known") == "known failure: revision C; failed 1 of 2: it did"
     assert message("blocks/healed") == "expected to fail, and did not: revision B"
     assert message("usb/cut") == "inconclusive: needs --allow reset"

@@ -18,7 +18,7 @@ from phasewire.hil.conformance.matrix import Claim, Matrix
 from phasewire.hil.conformance.reports.page import page
 from phasewire.hil.conformance.reports.style import DARK, KINDS, LIGHT, STYLE
 from phasewire.hil.conformance.reports.summary import verdict_line
-from phasewire.hil.conformance.verdicts import Run
+from phasewire.hil.conformance.verdicts import Evidence, Run
 
 from tests.hil.conformance.hand_made_runs import CLEAN, EVERY, MATRIX
 
@@ -114,7 +114,7 @@ def test_the_script_searches_and_filters(tmp_path: Path) -> None:
     options = ("--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--dump-dom")
     command = [str(CHROMIUM), *options, (tmp_path / "page.html").as_uri()]
     found = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
-    always = "provenance counts trouble"
+    always = "trouble"
     assert Reader(found).text("body").split() == [
         *f"1 of 9 cases {always} broke clauses cases".split(),
         *f"1 of 9 cases {always} broke clauses cases".split(),
@@ -199,6 +199,19 @@ def test_findings_hold_their_evidence_and_all_cases_are_listed() -> None:
     assert [attributes for tag, attributes in READ.tags if tag == "details" and "open" in attributes] == [{"open": ""}]
     listed = WRITTEN[WRITTEN.index('id="cases"') :]
     assert len(re.findall("<li ", listed)) == len(EVERY.results)
+
+
+@pytest.mark.parametrize(("failures", "whole"), [(1, 60), (5, 31), (200, 0)])
+def test_many_failures_leave_room_for_each_other(failures: int, whole: int) -> None:
+    """The page stays below 1 MB, of which the 1707 cases of a run and their clauses need 0.7 MB."""
+    evidence = tuple(Evidence("block", f"{number:1535}") for number in range(60))
+    result = replace(EVERY.results[1], evidence=evidence)
+    results = tuple(replace(result, case=f"blocks/{number}") for number in range(failures))
+    written = page(replace(EVERY, results=results), MATRIX)
+    assert len(written) < 300_000
+    assert (f"{59:1535}</dd>" in written) == (whole > 0)
+    assert written.count(f"{60 - whole:1535}</dd>") == failures * (whole > 0)
+    assert written.count(" before these, in --json") == failures * (whole < 60)
 
 
 def test_cases_that_differ_only_in_parameters_are_counted() -> None:

@@ -92,7 +92,7 @@ def test_a_failure_is_shown_with_what_a_repair_needs() -> None:
         "A bad block is refused, for damage must not play.",
         "failed 2 of 2: the state is OFF, should be READY",
         "shows BLK-003, ACK-003/1",
-        "… and 3 before these, in --html and --json",
+        "… and 3 before these, in --json",
         *(f"step {number}: {number:02x} 00" for number in range(4, 11)),
         "device: <script>alert(1)</script> & \"quoted\" 'text' ]]> [31m [red] Ωµ",
     ]
