@@ -6,6 +6,7 @@ import os
 import re
 from contextlib import redirect_stdout
 from io import StringIO
+from pathlib import Path
 
 import typer
 from phasewire import __version__
@@ -19,7 +20,7 @@ extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_co
 
 # The sources are the repository's own documents, so that their links lead to the same places here and there.
 root_doc = "docs/index"
-include_patterns = ["docs/**.md", "docs/tutorial/tour.ipynb", "*.md", "protocol/SPEC.md", "examples/README.md"]
+include_patterns = ["docs/**.md", "docs/tutorial/tour.ipynb", "*.md", "protocol/SPEC.md", "[er]*/README.md"]
 exclude_patterns = [
     ".venv",
     ".peers",
@@ -49,6 +50,9 @@ napoleon_use_rtype = False
 html_theme = "furo"
 html_title = f"phasewire {__version__}"
 html_copy_source = False
+html_show_copyright = False
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 
 
 def _add_help(app: Sphinx, name: str, source: list[str]) -> None:
@@ -69,8 +73,17 @@ def _escape_bars(app: Sphinx, what: str, name: str, value: object, options: obje
         )
 
 
+def _lead_to_the_index(app: Sphinx, error: Exception | None) -> None:
+    """Let the site's folder itself be its address."""
+    if error is None:
+        link = f"{root_doc}.html"
+        page = f'<!DOCTYPE html>\n<meta charset="utf-8">\n<meta http-equiv="refresh" content="0; url={link}">\n'
+        Path(app.outdir, "index.html").write_text(f'{page}<a href="{link}">{html_title}</a>\n', encoding="utf-8")
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     os.environ.update(COLUMNS="100", NO_COLOR="1")
     app.connect("source-read", _add_help)
+    app.connect("build-finished", _lead_to_the_index)
     app.connect("autodoc-process-docstring", _escape_bars)
