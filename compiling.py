@@ -5,6 +5,8 @@ This module stands at the bottom. Importing it imports numba, which is slow, so 
 
 from __future__ import annotations
 
+import logging
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import EnumType
@@ -14,11 +16,39 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import config, njit
+from numba.core import event
+from numba.core.caching import NullCache
 from platformdirs import user_cache_path
 
 __all__ = ["kernel", "part"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+_log = logging.getLogger(__name__)
+
+
+class _Notice(event.Listener):
+    """Says once that this package compiles, at a terminal, in a notebook, or if the logger's level is INFO."""
+
+    _said = False
+
+    def on_start(self, event: Any) -> None:
+        compiled = event.data["dispatcher"]
+        if self._said or not str(compiled.py_func.__module__).startswith(f"{__package__}."):
+            return
+        self._said = True
+        when = "the first time on a machine"
+        if isinstance(compiled._cache, NullCache):
+            when = "in each run, because no folder for the result can be written; name one in $NUMBA_CACHE_DIR"
+        if hasattr(sys, "ps1") or getattr(sys.stderr, "isatty", bool)() or _log.isEnabledFor(logging.INFO):
+            _log.warning("phasewire compiles its kernels: up to a minute, %s", when)
+
+    def on_end(self, event: Any) -> None:
+        """Nothing is said."""
+
+
+_notice = _Notice()
+event.register("numba:compile", _notice)  # type: ignore[no-untyped-call]
 
 
 def kernel(function: Function, **options: Any) -> Function:

@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .storage import FilePath, replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
 
 __all__ = [
@@ -23,6 +25,8 @@ __all__ = [
     "Drawable",
     "axes_or_new",
     "check_picture_path",
+    "colour_bar",
+    "fixed_size",
     "new_figure",
     "printed",
     "save_figure",
@@ -35,6 +39,8 @@ FONT_POINTS = 8.5
 DOTS_PER_INCH = 150
 NOTEBOOK = (5.6, 4.4)
 """Width and height in inches of a picture that is made by itself."""
+BAR = 1.0
+"""Inches that a colour bar and the labels on its right need."""
 MM = 1e3
 """Millimetres in a metre: axes are in millimetres."""
 
@@ -43,16 +49,23 @@ class Drawable(ABC):
     """Something with a picture: `plot` draws it onto axes, and a notebook shows it."""
 
     @abstractmethod
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw it onto matplotlib axes, by default onto those of a new figure of pyplot, and return them."""
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Draw it onto matplotlib axes, by default onto those of a new figure of pyplot, and return them.
 
-    def _repr_png_(self) -> bytes:
+        ``style`` is a ``title``, and options of the matplotlib function that draws it.
+        """
+
+    def _repr_png_(self) -> bytes | None:
+        """The picture for a notebook, which shows the text instead if there is none."""
         from matplotlib.figure import Figure
 
         figure, data = Figure(figsize=NOTEBOOK, layout="compressed"), BytesIO()
-        with printed():
-            self.plot(figure.subplots())
-            figure.savefig(data, format="png", dpi=DOTS_PER_INCH * 2 // 3)
+        try:
+            with printed():
+                self.plot(figure.subplots())
+                figure.savefig(data, format="png", dpi=DOTS_PER_INCH * 2 // 3)
+        except ValueError:  # too large a shape, an empty capture
+            return None
         return data.getvalue()
 
 
@@ -64,6 +77,36 @@ def axes_or_new(ax: Axes | None) -> Axes:
 
     axes: Axes = pyplot.subplots(figsize=NOTEBOOK, layout="compressed")[1]
     return axes
+
+
+def fixed_size(axes: Axes) -> tuple[float, float] | None:
+    """Width and height of axes in inches; None if a layout engine will change them to make room for labels."""
+    engine = axes.figure.get_layout_engine()
+    if engine is not None and not engine.colorbar_gridspec:
+        return None
+    return axes.bbox.width / axes.figure.dpi, axes.bbox.height / axes.figure.dpi
+
+
+def colour_bar(
+    axes: Axes, mappable: ScalarMappable, label: str, *, fraction: float, pad: float, before: float = 0.0
+) -> Colorbar:
+    """Add a colour bar on the right of axes. Its labels have room of their own, whatever arranges the figure.
+
+    Parameters
+    ----------
+    axes, mappable, label
+        As for matplotlib.
+    fraction, pad : float
+        Parts of the axes' width for the bar and before it, if a layout engine makes room for the labels.
+    before : float
+        Inches that labels on the bar's left need.
+    """
+    shrink = 1.0
+    if (size := fixed_size(axes)) is not None:
+        width, height = size
+        fraction, pad = min(BAR / width, 0.5), pad + before / width
+        shrink = min((1 - fraction - pad) * width / height * axes.get_data_ratio(), 1.0)
+    return axes.figure.colorbar(mappable, ax=axes, label=label, fraction=fraction, pad=pad, shrink=shrink)
 
 
 @contextmanager

@@ -60,7 +60,10 @@ def read_file(path: FilePath, most_bytes: int) -> bytes:
 
 def read_text(path: FilePath, most_bytes: int) -> str:
     """The text of a file in UTF-8, with or without a byte order mark; errors as `read_file`, and if it is no text."""
-    data = read_file(path, most_bytes)
+    return _decoded(path, read_file(path, most_bytes))
+
+
+def _decoded(path: FilePath, data: bytes) -> str:
     if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
         raise InputFileError(f"{path} is text in UTF-16; save it as UTF-8")
     try:
@@ -72,11 +75,12 @@ def read_text(path: FilePath, most_bytes: int) -> str:
 def read_toml(path: FilePath) -> dict[str, Any]:
     """The contents of a TOML file; errors as `read_file`, and if it is no TOML, or nested too deeply."""
     data = read_file(path, MOST_TOML_BYTES)
+    text = _decoded(path, data)
     for number, line in enumerate(data.splitlines(), start=1):
         if len(line) > MOST_TOML_LINE:
             raise InputFileError(f"{path}, line {number} has {len(line)} bytes; at most {MOST_TOML_LINE} may be")
     try:
-        table = tomllib.loads(data.decode())
+        table = tomllib.loads(text)
     except ValueError as error:
         raise InputFileError(f"{path} is no TOML file: {error}") from error
     except RecursionError as error:
@@ -209,13 +213,14 @@ def replacing(path: FilePath) -> Iterator[Path]:
         If the folder cannot be written, or the disk is full; it names ``path``, whose old contents are unchanged.
     """
     path = Path(path)
-    if path.exists() and not path.is_file():
-        yield path
-        return
     real = path.resolve()
     mode = stat.S_IMODE(real.stat().st_mode) if real.exists() else None
-    part = real.parent / f".phasewire-{secrets.token_hex(8)}"
+    is_direct = real.exists() and not real.is_file()
+    part = path if is_direct else real.parent / f".phasewire-{secrets.token_hex(8)}"
     try:
+        if is_direct:
+            yield part
+            return
         # The system removes the umask from a new file's mode; whoever may not read the old file cannot read this
         # either.
         os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666 if mode is None else 0o600))
@@ -230,4 +235,5 @@ def replacing(path: FilePath) -> Iterator[Path]:
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise
     finally:
-        part.unlink(missing_ok=True)
+        if not is_direct:
+            part.unlink(missing_ok=True)

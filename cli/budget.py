@@ -155,16 +155,16 @@ def _print_rates(out: Console, found: Budget) -> None:
 
 
 def _print_threads(out: Console, found: Budget) -> None:
-    out.print("\nThreads at this rate, estimated, and memory:\n")
+    out.print("\nThreads at this rate, estimated:\n")
     table = _table("of the", "cycles", "available", "share", "")
-    rows = [
-        (f"{of.where}: {of.name}" + f" ×{of.threads}" * (of.threads > 1), of.cycles, of.available)
-        for of in found.threads
-    ]
-    rows.append(("processor: memory in bytes", sum(PROCESSOR_MEMORY.values()), PROCESSOR_MEMORY_BYTES))
-    for name, used, available in rows:
-        table.add_row(name, f"{used:,}", f"{available:,}", f"{used / available:.0%}", _bar(0, used, available, "#"))
+    for of in found.threads:
+        name = f"{of.where}: {of.name}" + f" ×{of.threads}" * (of.threads > 1)
+        share, bar = f"{of.cycles / of.available:.0%}", _bar(0, of.cycles, of.available, "#")
+        table.add_row(name, f"{of.cycles:,}", f"{of.available:,}", share, bar)
     out.print(table)
+    memory = sum(PROCESSOR_MEMORY.values())
+    share = f"{memory / PROCESSOR_MEMORY_BYTES:.0%}"
+    out.print(f"\nMemory of a processor: {memory:,} of {PROCESSOR_MEMORY_BYTES:,} bytes, {share}.")
 
 
 @printed()

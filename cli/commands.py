@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import io
+import logging
 import os
 import signal
 import sys
@@ -29,7 +30,7 @@ from ..errors import (
 )
 from ..signals import SIGNALLED, loading
 
-__all__ = ["app", "command_line", "run"]
+__all__ = ["FAILED", "WRONG_USE", "app", "command_line", "complain", "message", "run"]
 
 FAILED, WRONG_USE, NO_DEVICE, DEVICE_FAILED = 1, 2, 3, 4
 TRACED = ("demo",)
@@ -285,19 +286,20 @@ def run(arguments: Sequence[str]) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a character shows a question mark
+    logging.getLogger("phasewire.compiling").setLevel(logging.INFO)  # it tells what takes its time, in pipes too
     with _heard():
         try:
             command_line()(args=arguments, prog_name="phasewire")
         except MemoryError:
-            _complain("not enough memory; ask for fewer points or transducers")
+            complain("not enough memory; ask for fewer points or transducers")
             sys.exit(WRONG_USE)
         except (PhasewireError, ValueError, OSError) as error:
-            _complain(message(error))
+            complain(message(error))
             sys.exit(exit_code(error))
 
 
-def _complain(what: str) -> None:
-    """Print on standard error why the program ends."""
+def complain(what: str) -> None:
+    """Print on standard error why the program fails."""
     from .console import error_console
 
     error_console().print(f"phasewire: {what}", style="red")

@@ -25,8 +25,9 @@ from ..hil.conformance.verdicts import Run, Verdict
 from ..host.lines.opening import DEFAULT_URL
 from ..signals import SIGNALLED, loading, postponing
 from ..storage import check_outputs, replacing
-from .console import JsonOption, among, console_for, error_console, write_json
-from .options import DeviceOption, given, note_where_fresh
+from .commands import FAILED, WRONG_USE, complain, message
+from .console import JsonOption, among, console_for, error_console, given, write_json
+from .options import DeviceOption, note_where_fresh
 
 if TYPE_CHECKING:
     from ..hil.conformance.plugin import Watcher
@@ -37,6 +38,8 @@ __all__ = ["commands"]
 
 EMULATOR, SIGROK, NONE = "emulator", "sigrok:", "none"
 LIST_FORMAT = "phasewire-conformance-matrix-1"
+LIST_COLUMNS = 10_000
+"""Wide enough for every name and reason."""
 OF_MUTANTS = ("mutants", "jobs", "thorough", "table", "json_target")
 
 commands = typer.Typer(rich_markup_mode=None)
@@ -108,7 +111,7 @@ def conformance(
         typer.Option(
             "--only",
             metavar="TEXT",
-            help="Run only the cases whose group, name, clause or chapter begins so; may be given again.",
+            help="Run or list only the cases whose group, name, clause or chapter begins so; may be given again.",
         ),
     ] = None,
     mutant: Annotated[
@@ -182,7 +185,11 @@ def conformance(
     inputs = [path for path in (profile, known_failures, Path(recording) if recording else None) if path is not None]
     check_outputs([html, junit_xml, json_target], inputs)
     if list_cases:
-        _list(json_target, [name for name, target in (("--html", html), ("--junit", junit_xml)) if target is not None])
+        _list(
+            json_target,
+            tuple(only or ()),
+            [name for name, target in (("--html", html), ("--junit", junit_xml)) if target is not None],
+        )
         return
 
     if mutant is not None and given(context, "url"):
@@ -190,8 +197,12 @@ def conformance(
     broken = None if mutant is None else _mutant(mutant)
 
     with loading():  # the modules of the cases
+        from ..hil.conformance.plugin import selected
         from ..hil.conformance.reports.terminal import LiveLine, print_run
-        from ..hil.conformance.running import RunOptions, run_conformance
+        from ..hil.conformance.running import RunOptions, catalogue, run_conformance
+
+        if only:
+            selected(catalogue(), tuple(only))
 
     options = RunOptions(
         url,
@@ -210,16 +221,16 @@ def conformance(
         with LiveLine(error_console()) as watcher:
             judge = run_conformance if broken is None else partial(_run_mutant, broken)
             run = judge(options, watcher, lambda: end.enter_context(postponing()))
-        if not run.results and not run.trouble and not run.signal:
-            raise ValueError(f"no case begins with {' or '.join(map(repr, options.only))}; --list names all")
         if strict:
             run = _strictly(run)
-        _write(run, html, junit_xml, json_target)
+        unwritten = _write(run, html, junit_xml, json_target)
         print_run(console_for(json_target), run)
+    for error in unwritten:
+        complain(message(error))
     if run.signal:
         raise typer.Exit(SIGNALLED + run.signal)
-    if not run.passed:
-        raise typer.Exit(1)
+    if not run.passed or unwritten:
+        raise typer.Exit(WRONG_USE if run.passed else FAILED)
 
 
 def _strictly(run: Run) -> Run:
@@ -234,10 +245,9 @@ def _mutant(name: str) -> Mutant:
     from ..mutants.catalogue import MUTANTS
 
     if name not in MUTANTS:
-        near = get_close_matches(name, MUTANTS, n=3, cutoff=0.0)
-        raise ValueError(
-            f"there is no mutant {name!r}; the nearest are {', '.join(near)}; docs/reference/mutants.md lists all"
-        )
+        near = get_close_matches(name, MUTANTS)
+        nearest = f"; the nearest {'are' if len(near) > 1 else 'is'} {', '.join(near)}" if near else ""
+        raise ValueError(f"there is no mutant {name!r}{nearest}; docs/reference/mutants.md lists all")
     return MUTANTS[name]
 
 
@@ -279,25 +289,40 @@ def _run_mutant(broken: Mutant, options: RunOptions, watcher: Watcher, judged: C
     return replace(run, provenance=replace(run.provenance, device=device))
 
 
-def _list(json_target: str | None, meaningless: list[str]) -> None:
+def _list(json_target: str | None, only: tuple[str, ...], meaningless: list[str]) -> None:
     if meaningless:
         raise ValueError(f"--list runs nothing, of which {' and '.join(meaningless)} could tell; leave one of them out")
+    from ..hil.conformance.plugin import selected
     from ..hil.conformance.running import catalogue
 
-    matrix = Matrix.of(entry.claim for entry in catalogue())
-    console_for(json_target).print(matrix.table())
+    entries = catalogue()
+    matrix = Matrix.of(entry.claim for entry in entries)
+    if only:
+        matrix = matrix.of_cases({entry.identifier for entry in selected(entries, only)})
+    out = console_for(json_target)
+    # A terminal folds long names; elsewhere each is whole on its line, so that it can be searched.
+    out.print(matrix.table(), width=None if out.is_terminal else LIST_COLUMNS, soft_wrap=False)
     write_json(json_target, {"format": LIST_FORMAT} | matrix.record())
 
 
-def _write(run: Run, html: Path | None, junit_xml: Path | None, json_target: str | None) -> None:
-    """Write the requested reports."""
-    if html is not None or json_target is not None:
-        matrix = Matrix.of(run.claims)
-        if html is not None:
-            _replace(html, page(run, matrix))
-        write_json(json_target, record(run, matrix))
+def _write(run: Run, html: Path | None, junit_xml: Path | None, json_target: str | None) -> list[OSError]:
+    """Write the requested reports, each whatever becomes of the others; returns the errors."""
+    matrix, errors = Matrix.of(run.claims), list[OSError]()
+    reports: list[Callable[[], None]] = []
+    if html is not None:
+        reports.append(lambda: _replace(html, page(run, matrix)))
     if junit_xml is not None:
-        _replace(junit_xml, junit(run))
+        reports.append(lambda: _replace(junit_xml, junit(run)))
+    if json_target is not None:
+        reports.append(lambda: write_json(json_target, record(run, matrix)))
+    for write in reports:
+        try:
+            write()
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            errors.append(error)
+    return errors
 
 
 def _replace(path: Path, text: str) -> None:

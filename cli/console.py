@@ -1,6 +1,6 @@
 """Output of commands: results on standard output, everything else on standard error, JSON on request.
 
-It also holds the shell completion of options.
+It also holds the shell completion of options, and whether one is given.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from rich.console import Console
 
 from ..storage import replacing
 
-__all__ = ["JsonOption", "among", "console_for", "error_console", "write_json"]
+__all__ = ["JsonOption", "among", "console_for", "error_console", "given", "write_json"]
 
 JsonOption = Annotated[
     str | None,
@@ -63,3 +63,9 @@ def among(names: Iterable[str]) -> Callable[[str], list[str]]:
         return [name for name in known if name.startswith(incomplete)]
 
     return complete
+
+
+def given(context: typer.Context, option: str) -> bool:
+    """Whether an option is on the command line. Defaults in a file apply to many commands, and may be unused here."""
+    source = context.get_parameter_source(option)
+    return source is not None and source.name == "COMMANDLINE"

@@ -59,7 +59,7 @@ def demo(
             f"{sphere.palm * 100:g} cm: a circle of {sphere.cut().radius * 100:g} cm radius, "
             f"{len(points)} control points",
         )
-        status.update("solving; the first time, compiling takes about 15 s")
+        status.update("solving")
         solver = Solver(array)
         solver.solve(points)
         solver.forget()

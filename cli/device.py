@@ -55,6 +55,9 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
     check_outputs([json_target])
     with open_device(device, observe=True) as opened:
         what, status = opened.info, opened.status()
+    outputs = f"{'enabled' if status.enabled else 'off'} ({status.state.name})"
+    if status.watchdog_fired:
+        outputs += "; the watchdog has turned them off, because it heard nothing for its time"
     table = Table(title=opened.name, show_header=False, title_justify="left")
     for label, value in (
         ("protocol", _versions(what)),
@@ -71,7 +74,7 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
         ("drive limit", f"{status.drive_limit} fully driven transducers"),
         ("temperature", f"{status.temperature_c} °C"),
         ("faults", flag_names(status.faults) or "none"),
-        ("outputs", f"{'enabled' if status.enabled else 'off'} ({status.state.name})"),
+        ("outputs", outputs),
         ("carrier period", str(status.period)),
         ("blocks", f"{status.accepted} accepted, {status.refused} refused, {status.late} late, {status.lost} lost"),
         ("missed commits", str(status.missed_commits)),

@@ -17,8 +17,8 @@ from ..host.firmware.keys import read_public_keys
 from ..host.lines.opening import DEFAULT_URL
 from ..protocol.plain import plain
 from ..storage import check_outputs
-from .console import JsonOption, console_for, error_console, write_json
-from .options import DeviceOption, given, note_where_fresh
+from .console import JsonOption, console_for, error_console, given, write_json
+from .options import DeviceOption, note_where_fresh
 
 if TYPE_CHECKING:
     from ..host.firmware.flashing import FlashStage, OnProgress

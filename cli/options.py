@@ -10,23 +10,18 @@ import typer
 
 from ..host.lines.opening import DEFAULT_URL, URL_VARIABLE
 from ..host.playing.calibration import Calibration
-from ..solver.acoustics.array import TransducerArray
-from ..solver.acoustics.array_files import read_transducers
 from .completion import device_urls
 from .console import error_console
 
 __all__ = [
     "MOST_SECONDS",
-    "ArrayOption",
     "CalibrationOption",
     "DeviceOption",
     "ForeverOption",
     "PoseOption",
     "SecondsOption",
     "command_for",
-    "given",
     "is_fresh",
-    "load_array",
     "load_calibration",
     "note_where_fresh",
 ]
@@ -42,8 +37,8 @@ DeviceOption = Annotated[
         metavar="URL",
         envvar=URL_VARIABLE,
         help="emulator: (a fresh emulated device; emulator:?door=serial by its UART), usb: (the only one plugged in), "
-        "usb:SERIAL (or a part of it), usb:VVVV:PPPP (with these numbers), serial:///dev/ttyACM0, socket://HOST:PORT "
-        "or rfc2217://HOST:PORT; `phasewire devices` lists what is there.",
+        "usb:SERIAL (or a part of it), usb:VVVV:PPPP (with these numbers), usbip:HOST:PORT (of a USB/IP server), "
+        "serial:///dev/ttyACM0, socket://HOST:PORT or rfc2217://HOST:PORT; `phasewire devices` lists what is there.",
         autocompletion=device_urls,
     ),
 ]
@@ -54,15 +49,6 @@ CalibrationOption = Annotated[
         "--calibration",
         metavar="FILE",
         help="A .csv file of each transducer's real emission; drives are corrected for it.",
-    ),
-]
-
-ArrayOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--array",
-        metavar="FILE",
-        help="A .csv or .toml file of the array's transducers (docs/how-to/any-array.md).",
     ),
 ]
 
@@ -83,17 +69,6 @@ ForeverOption = Annotated[bool, typer.Option("--forever", help="Play until Ctrl-
 def load_calibration(path: Path | None) -> Calibration | None:
     """The calibration in a file, None without one."""
     return None if path is None else Calibration.load(path)
-
-
-def load_array(path: Path | None) -> TransducerArray | None:
-    """The array in a file, None without one."""
-    return None if path is None else read_transducers(path)
-
-
-def given(context: typer.Context, option: str) -> bool:
-    """Whether an option is on the command line. Defaults in a file apply to many commands, and may be unused here."""
-    source = context.get_parameter_source(option)
-    return source is not None and source.name == "COMMANDLINE"
 
 
 def is_fresh(url: str) -> bool:

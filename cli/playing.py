@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Annotated
+from warnings import catch_warnings
 
 import typer
 from rich.console import Console
@@ -21,33 +22,30 @@ from ..errors import DeviceError
 from ..host.lines.opening import DEFAULT_URL
 from ..host.playing.device import Device, open_device
 from ..host.playing.envelopes import sine
-from ..host.playing.frames import beginning
+from ..host.playing.frames import beginning, differences
 from ..host.playing.recording import SUFFIX, record
 from ..host.playing.streaming import LOOK_AHEAD_SECONDS, StreamReport
 from ..protocol.board import CARRIER_HZ
 from ..protocol.plain import plain
 from ..protocol.replies import Info
-from ..solver import TransducerArray, two_sided
+from ..solver import Medium, TransducerArray, two_sided
 from ..solver.methods.methods import METHODS
 from ..solver.shapes.point_files import POINT_FILES
 from ..storage import check_outputs
-from .console import JsonOption, among, console_for, error_console, write_json
+from .console import JsonOption, among, console_for, error_console, given, write_json
 from .options import (
     MOST_SECONDS,
-    ArrayOption,
     CalibrationOption,
     DeviceOption,
     ForeverOption,
     SecondsOption,
     command_for,
-    given,
     is_fresh,
-    load_array,
     load_calibration,
     note_where_fresh,
 )
-from .points import files_in, read_source, shapes_and_files
-from .sources import ARCHIVE, Source, check_options, differences, frames_of, open_file, open_source
+from .points import ArrayOption, files_in, load_array, read_source, shapes_and_files
+from .sources import ARCHIVE, Source, check_options, frames_of, open_file, open_source
 
 __all__ = ["commands"]
 
@@ -105,7 +103,7 @@ SpinOption = Annotated[
 
 
 def array_of(what: Info, own: TransducerArray | None = None) -> TransducerArray:
-    """The transducers of a device, or those of a file; `ValueError` if these are not as many."""
+    """The transducers of a device, or those of a file, with a warning if they differ; `ValueError` if not as many."""
     if own is None:
         return TransducerArray.grid(what.columns, what.rows, what.pitch)
     if len(own) != what.channels:
@@ -113,6 +111,7 @@ def array_of(what: Info, own: TransducerArray | None = None) -> TransducerArray:
             f"--array has {len(own)} transducers, but the device has {what.channels}; it must have one for each "
             "channel, in their order"
         )
+    warn_of_differences("--array", own, None, what)
     return own
 
 
@@ -126,9 +125,9 @@ def check_fit(name: str, source: Source, what: Info) -> None:
         )
 
 
-def warn_of_differences(name: str, source: Source, what: Info) -> None:
-    """Warn of the differences between a device and the one for which frames were made."""
-    for difference in differences(source, what):
+def warn_of_differences(name: str, array: TransducerArray | None, medium: Medium | None, what: Info) -> None:
+    """Warn of the differences between a device and the one for which something of this name was made."""
+    for difference in differences(array, medium, what):
         error_console().print(f"warning: {name} was made for something else: {difference}", style="yellow")
 
 
@@ -187,8 +186,9 @@ def show(
             raise ValueError(f"{file} holds many frames; `phasewire stream {shlex.quote(str(file))}` plays them")
     with open_device(device, calibration=load_calibration(calibration)) as opened:
         check_fit(str(file), source, opened.info)
-        warn_of_differences(str(file), source, opened.info)
-        ack = opened.show(source.still)
+        warn_of_differences(str(file), source.array, source.medium, opened.info)
+        with catch_warnings(action="ignore"):  # of the same
+            ack = opened.show(source.still)
         message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
         error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"))
         with suppress(KeyboardInterrupt) if forever else nullcontext():
@@ -246,7 +246,7 @@ def stream(
         pace = rate or what.rate or RATE
         with open_device(device, calibration=load_calibration(calibration)) as opened:
             check_fit(source, what, opened.info)
-            warn_of_differences(source, what, opened.info)
+            warn_of_differences(source, what.array, what.medium, opened.info)
             frames = frames_of(what, array_of(opened.info, own), method, spin, pace)
             most = None if forever else frames_in(what, seconds, pace)
             told = {"format": "phasewire-stream-1", "device": opened.name, "status": None, "error": None}

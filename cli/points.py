@@ -1,15 +1,34 @@
-"""Control points that a command takes: a shape's notation, or a file of points."""
+"""What a command solves for: control points, from a shape's notation or a file, and an array. It imports no host."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Annotated
 
+import typer
+
+from ..solver.acoustics.array import TransducerArray
+from ..solver.acoustics.array_files import read_transducers
 from ..solver.shapes.point_files import POINT_FILES, read_points
 from ..solver.shapes.points import ControlPoints
 from ..solver.shapes.shapes import SHAPES, parse_shape
 
-__all__ = ["files_in", "read_source", "shapes_and_files"]
+__all__ = ["ArrayOption", "files_in", "load_array", "read_source", "shapes_and_files"]
+
+ArrayOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--array",
+        metavar="FILE",
+        help="A .csv or .toml file of the array's transducers (docs/how-to/any-array.md).",
+    ),
+]
+
+
+def load_array(path: Path | None) -> TransducerArray | None:
+    """The array in a file, None without one."""
+    return None if path is None else read_transducers(path)
 
 
 def read_source(source: str, spacing: float | None = None) -> ControlPoints:
@@ -18,8 +37,14 @@ def read_source(source: str, spacing: float | None = None) -> ControlPoints:
         return parse_shape(source).sample(spacing)
     if Path(source).suffix.lower() in POINT_FILES:
         return read_points(Path(source))
+    from ..solver.contact.solids import SOLIDS  # only this error needs them
+    from ..solver.objects.mesh_files import MESH_FILES
+
+    name = source.partition(":")[0]
+    is_object = name in SOLIDS or Path(name).suffix.lower() in MESH_FILES
     raise ValueError(
         f"{source!r} is neither a shape ({', '.join(sorted(SHAPES))}) nor a file of points ({', '.join(POINT_FILES)})"
+        + "; it is an object for `phasewire touch`" * is_object
     )
 
 

@@ -21,7 +21,7 @@ from typer.core import TyperGroup, TyperOption
 
 from ..errors import InputFileError
 from ..storage import check_outputs, read_toml
-from .console import JsonOption, console_for, write_json
+from .console import JsonOption, console_for, error_console, write_json
 
 __all__ = ["CONFIG_VARIABLE", "commands", "config_path", "defaults_from_file", "each_command"]
 
@@ -81,12 +81,19 @@ def defaults_from_file(context: typer.Context) -> dict[str, Any]:
     InputFileError
         If the file is no TOML, names an unknown command or option, or gives an option an invalid value.
     OSError
-        If it cannot be read, or `CONFIG_VARIABLE` names a missing file.
+        If it cannot be read, or `CONFIG_VARIABLE` names a missing file. Another user's folder is only a warning.
     """
     path = config_path()
     may_be_missing = CONFIG_VARIABLE not in os.environ or context.invoked_subcommand == config.__name__
-    if may_be_missing and not path.exists():
-        return {}
+    if may_be_missing:
+        try:
+            path.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            return {}
+        except PermissionError as error:  # $HOME is another user's, as in a container
+            said = f"{path}: {error.strerror}; ${CONFIG_VARIABLE} can name another file, or {os.devnull} for none"
+            error_console().print(f"warning: {said}", style="yellow")
+            return {}
     return _Reader(path).group(context, read_toml(path), {})
 
 
@@ -283,7 +290,7 @@ def config(
         with path.open("x", encoding="utf-8") as file:
             file.write(example(root))
         out.print(f"Written to {path}; remove the # of the lines that should take effect.")
-    elif path.exists():
+    elif os.access(path, os.F_OK):
         out.print(f"Defaults of options from {path}:")
     else:
         out.print(f"Defaults of options; there is no {path} (phasewire config --init writes an example).")
@@ -301,7 +308,7 @@ def config(
     record = {
         "format": FORMAT,
         "file": str(path),
-        "exists": path.exists(),
+        "exists": os.access(path, os.F_OK),
         "defaults": [default._replace(value=_plain(default.value))._asdict() for default in found],
     }
     write_json(json_target, record)

@@ -22,24 +22,25 @@ from ..solver.acoustics.array import COLUMNS, PITCH, ROWS, TransducerArray
 from ..solver.acoustics.medium import Medium
 from ..solver.acoustics.propagation import pressure
 from ..solver.acoustics.transducer import MODELS, TRANSDUCERS
+from ..solver.fields.drawing import OIL
 from ..solver.fields.field import PlaneField, VolumeField, sample_cut, sample_volume
 from ..solver.fields.files import load_solution, save_field, save_solution
 from ..solver.fields.focus import focus_report
 from ..solver.fields.grid import Grid
 from ..solver.fields.quantities import QUANTITIES
+from ..solver.geometry import counted
 from ..solver.methods.methods import METHODS, options_of
 from ..solver.methods.options import Output
 from ..solver.methods.solve import Solution, Solver
-from ..solver.pictures.picture import OIL, save_field_picture
+from ..solver.pictures.picture import save_field_picture
 from ..solver.pictures.vti import save_vti
 from ..solver.shapes.curves import SPACING
 from ..solver.shapes.point_files import POINT_FILES
 from ..solver.shapes.points import REACH
 from ..solver.shapes.shapes import shape_help
 from ..storage import check_outputs
-from .console import JsonOption, among, console_for, error_console, write_json
-from .options import ArrayOption, given, load_array
-from .points import files_in, read_source, shapes_and_files
+from .console import JsonOption, among, console_for, error_console, given, write_json
+from .points import ArrayOption, files_in, load_array, read_source, shapes_and_files
 
 __all__ = ["commands"]
 
@@ -188,7 +189,7 @@ def solve_command(
     options = read_settings(settings or [])
     options_of(method, options)  # names options of no method, which may be names of other things
     solver = Solver(used, method, medium=medium, **options)
-    with error_console().status("solving; the first time on a machine, compiling takes about 10 s"):
+    with error_console().status("solving"):
         solver.solve(points)
     solver.forget()
     started = perf_counter()
@@ -197,8 +198,9 @@ def solve_command(
     reached = np.abs(pressure(used, solution.drive, points.positions, solution.medium))
     save_solution(output, solution)
     console_for(json_target).print(
-        f"{len(points)} control points, {len(used)} transducers, {method} in {milliseconds:.2f} ms: "
-        f"{reached.min():.0f} to {reached.max():.0f} Pa (peak) at the points. Written to {output}.",
+        f"{counted(len(points), 'control point')}, {counted(len(used), 'transducer')}, "
+        f"{method} in {milliseconds:.2f} ms: {reached.min():.0f} to {reached.max():.0f} Pa (peak) at the points. "
+        f"Written to {output}.",
     )
     write_json(
         json_target,

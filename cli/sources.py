@@ -29,18 +29,15 @@ from ..host.playing.frames import NUMBERS, Frames, solved
 from ..host.playing.recording import SUFFIX, Recording
 from ..protocol.pulses import Pulses
 from ..protocol.quantise import PulseFrames, check_pulses
-from ..protocol.replies import Info
 from ..solver import ControlPoints, Medium, Solution, Solver, TransducerArray
 from ..solver.fields.files import read_arrays, solution_in
-from .console import error_console
-from .options import given
+from .console import error_console, given
 from .points import read_source
 
 __all__ = [
     "ARCHIVE",
     "Source",
     "check_options",
-    "differences",
     "frames_of",
     "open_file",
     "open_source",
@@ -223,15 +220,3 @@ def check_options(context: typer.Context, name: str, source: Source) -> None:
     for option, (kinds, why) in HEEDED.items():
         if given(context, option) and not isinstance(source.content, kinds):
             raise ValueError(f"--{option} has no effect on {name}: {why}")
-
-
-def differences(source: Source, what: Info) -> list[str]:
-    """The differences between a device and that for which a source was made, because they change the field."""
-    found = []
-    own = TransducerArray.grid(what.columns, what.rows, what.pitch).positions
-    made_for = None if source.array is None else source.array.positions
-    if made_for is not None and made_for.shape == own.shape and not np.allclose(made_for, own, atol=1e-6):
-        found.append(f"the device has {what.columns} × {what.rows} transducers, {what.pitch * 1e3:g} mm apart")
-    if source.medium is not None and source.medium.frequency != what.carrier_hz:
-        found.append(f"the device's carrier has {what.carrier_hz} Hz, not {source.medium.frequency:g} Hz")
-    return found

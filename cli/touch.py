@@ -40,14 +40,13 @@ from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
 from .options import (
     MOST_SECONDS,
-    ArrayOption,
     CalibrationOption,
     DeviceOption,
     PoseOption,
-    load_array,
     load_calibration,
 )
 from .playing import array_of
+from .points import ArrayOption, load_array
 
 __all__ = ["commands"]
 
@@ -223,7 +222,7 @@ def touch(
             rate=rate,
             on_moment=_each(seen),
         )
-        with error_console().status("loading; the first time, compiling takes a minute"):
+        with error_console().status("loading"):
             loop.warm_up()
         error_console().print(f"{source.name} touches {', '.join(objects)} on {opened.name}")
         told = {"format": "phasewire-touch-1", "device": opened.name, "hands": hand, "objects": objects}

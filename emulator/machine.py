@@ -78,7 +78,7 @@ class Event(NamedTuple):
 
 
 class Emulator:
-    """One emulated device. As a context manager it is open and answers to its `url`.
+    """One emulated device. It answers to its `url` in a ``with`` statement, or between `open` and `close`.
 
     Parameters
     ----------
@@ -356,7 +356,14 @@ class Emulator:
         """The URL by which a host finds it while it is open."""
         return f"emulator:{self.serial}"
 
-    def __enter__(self) -> Self:
+    def open(self) -> Self:
+        """Answer to the `url` from now on, without ``with``, as over the cells of a notebook; returns the emulator.
+
+        Raises
+        ------
+        ValueError
+            If it is closed, or one of its serial number is open.
+        """
         if self.closed:
             raise ValueError("this emulator is closed; make a new one")
         if self.serial in _open_emulators:
@@ -364,10 +371,17 @@ class Emulator:
         _open_emulators[self.serial] = self
         return self
 
-    def __exit__(self, *exception: object) -> None:
-        del _open_emulators[self.serial]
+    __enter__ = open
+
+    def close(self) -> None:
+        """Unplug it for good; nothing happens if it is closed already."""
+        if _open_emulators.get(self.serial) is self:
+            del _open_emulators[self.serial]
         self.closed = True
         self.usb.unplug()
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
 
     def _logger(self, where: str) -> Callable[[str], None]:
         return lambda what: self.log(where, what)

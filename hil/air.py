@@ -30,7 +30,7 @@ from ..protocol.wiring import Wiring
 from ..solver import Medium, TransducerArray
 from ..solver.acoustics.propagation import arrivals
 from ..solver.acoustics.resonator import OnePole, Resonator
-from ..solver.geometry import as_points
+from ..solver.geometry import PointsLike, as_places
 from .ringing import ResonatorBank, words_of
 
 __all__ = ["Outputs", "Playback", "component", "rms"]
@@ -107,12 +107,12 @@ class Playback:
         """The resonance of the array's transducers."""
         return Resonator.of(self.array.transducer)
 
-    def signal(self, at: ArrayLike, start: int, stop: int) -> NDArray[np.float32]:
+    def signal(self, at: PointsLike, start: int, stop: int) -> NDArray[np.float32]:
         """Pressure over time, from every edge of the bits.
 
         Parameters
         ----------
-        at : (k, 3) float
+        at : ControlPoints, Shape or (k, 3) float
             Points, in metres.
         start, stop : int
             Ticks of the capture, 0.5 µs each; stop is not included.
@@ -128,7 +128,7 @@ class Playback:
             If the ticks were not captured, or as in `transfer_matrix`.
         """
         start, stop = _stretch("ticks", start, stop, self.capture.end_tick)
-        points, resonance = as_points(at, "point"), self.resonator.sampled(1 / TICK_HZ)
+        points, resonance = as_places(at), self.resonator.sampled(1 / TICK_HZ)
         lag, here, following = self._heard(points, resonance)
         nearest, farthest = int(lag.min()), int(lag.max())
         lag -= nearest
@@ -176,12 +176,12 @@ class Playback:
             write_drives(words[1:], tick_voltages, words[0], transducer, volts[:, first - start : last - start])
         return volts
 
-    def phasors(self, at: ArrayLike, first: int, last: int) -> NDArray[np.complex64]:
+    def phasors(self, at: PointsLike, first: int, last: int) -> NDArray[np.complex64]:
         """Pressure phasors, from the fundamental of each carrier period.
 
         Parameters
         ----------
-        at : (k, 3) float
+        at : ControlPoints, Shape or (k, 3) float
             Points, in metres.
         first, last : int
             Carrier periods of the capture, 25 µs each; last is not included.
@@ -201,19 +201,19 @@ class Playback:
         The place of a pulse within its period is neglected, and so is the phase that a change gains against the
         carrier: together a few per cent of the change while it happens, and nothing of its final value.
         """
-        points = as_points(at, "point")
+        points = as_places(at)
         first, last = self._periods(first, last)
         phasors = np.empty((len(points), last - first), dtype=np.complex64)
         for rows, columns, part in self._phasors(points, first, last):
             phasors[rows, columns] = part
         return phasors
 
-    def intensity_component(self, at: ArrayLike, frequency: float, first: int, last: int) -> NDArray[np.float64]:
+    def intensity_component(self, at: PointsLike, frequency: float, first: int, last: int) -> NDArray[np.float64]:
         """How strongly the intensity changes at a frequency, as `solver.intensity_component`, but from the bits.
 
         Parameters
         ----------
-        at : (k, 3) float
+        at : ControlPoints, Shape or (k, 3) float
             Points, in metres; any number of them, because nothing is kept over time.
         frequency : float
             In hertz; 0 is the mean.
@@ -230,7 +230,7 @@ class Playback:
         ValueError
             If the periods are no whole number of cycles or were not captured, or as in `transfer_matrix`.
         """
-        points = as_points(at, "point")
+        points = as_places(at)
         first, last = self._periods(first, last)
         turns = _turns(frequency, CARRIER_HZ, last - first)
         pairs = np.stack([turns.real, turns.imag], axis=1).astype(np.float32)

@@ -14,6 +14,7 @@ from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
 from ..solver.contact.touch import Touch
 from ..solver.fields.grid import Grid
+from ..solver.geometry import counted
 from ..storage import FilePath
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def save_touch_picture(
         label: handle for each in (space, axes) for handle, label in zip(*each.get_legend_handles_labels(), strict=True)
     }
     left.legend(handles.values(), handles, loc="outside lower center", ncols=2, frameon=False, fontsize="small")
-    figure.suptitle(f"{len(at)} control points on {_many(len(touch.arcs), 'arc')}")
+    figure.suptitle(f"{counted(len(at), 'control point')} on {counted(len(touch.arcs), 'arc')}")
     figure.supxlabel(_caption(touch, halves.max(axis=0), emitted, array, source), fontsize="medium")
     save_figure(figure, path)
 
@@ -275,7 +276,3 @@ def _caption(
         f"the weakest.\n"
         f"Field as emitted: drives rebuilt from {source}."
     )
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}" + "s" * (count != 1)

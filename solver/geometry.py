@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "FARTHEST",
+    "WIDEST",
     "Movable",
+    "PointsLike",
     "Scalable",
     "Scalar",
+    "as_places",
     "as_points",
     "as_position",
     "as_rotation",
+    "counted",
     "extent",
     "frozen",
     "place",
@@ -25,6 +29,9 @@ __all__ = [
 
 FARTHEST = 1000.0
 """Largest coordinate in metres. Sound at 40 kHz is long gone by then, and nothing overflows."""
+
+WIDEST = 5.0
+"""Largest size in metres of an array or a shape: what is larger was written in millimetres."""
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 Moved = TypeVar("Moved", covariant=True)
@@ -68,6 +75,22 @@ class Scalable(Movable[Moved]):
         return self.placed(factor * np.eye(3), (1 - factor) * self.centre)
 
 
+@runtime_checkable
+class Sampled(Protocol):
+    """Control points, or a shape that is sampled into some."""
+
+    def sample(self) -> Any: ...
+
+
+PointsLike: TypeAlias = ArrayLike | Sampled
+"""Control points, a shape, or (m, 3) positions in metres."""
+
+
+def as_places(values: PointsLike) -> NDArray[np.float64]:
+    """The (m, 3) positions of points, in metres; errors as `as_points`."""
+    return as_points(values.sample().positions if isinstance(values, Sampled) else values, "point")
+
+
 def as_points(values: ArrayLike, what: str, many: str | None = None) -> NDArray[np.float64]:
     """Read (m, 3) coordinates in metres, m of at least 1, none further than `FARTHEST`.
 
@@ -85,7 +108,8 @@ def as_points(values: ArrayLike, what: str, many: str | None = None) -> NDArray[
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{many} must be (m, 3) numbers: {error}") from error
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-        raise ValueError(f"{many} must have the shape (m, 3) with m of at least 1, not {points.shape}")
+        one = f"; write [{points.tolist()}] for one {what}" if points.shape == (3,) else ""
+        raise ValueError(f"{many} must have the shape (m, 3) with m of at least 1, not {points.shape}{one}")
     if points.max() <= FARTHEST and points.min() >= -FARTHEST:  # false if one is not a number
         return points
     if (bad := np.flatnonzero(~np.isfinite(points).all(axis=1))).size:
@@ -137,10 +161,13 @@ def rotation_matrix(degrees: float, axis: ArrayLike) -> NDArray[np.float64]:
     ValueError
         If the angle is not finite, or the axis has no direction.
     """
-    direction = np.array(axis, dtype=np.float64)
+    try:
+        direction = np.array(axis, dtype=np.float64)
+    except (TypeError, ValueError):
+        direction = np.array(None, dtype=np.float64)
     length = np.linalg.norm(direction)
     if direction.shape != (3,) or not 0 < length < math.inf:
-        raise ValueError(f"axis {direction.tolist()} must be three finite numbers, not all of them 0")
+        raise ValueError(f"axis {axis!r} must be three finite numbers, not all of them 0, such as (1, 0, 0) for x")
     if not math.isfinite(degrees):
         raise ValueError(f"an angle of {degrees} degrees is not finite")
     x, y, z = direction / length
@@ -152,7 +179,12 @@ def rotation_matrix(degrees: float, axis: ArrayLike) -> NDArray[np.float64]:
 
 def extent(points: NDArray[np.float64]) -> str:
     """The size of the box around (m, 3) points for people, such as ``196 × 155 × 0 mm``."""
-    return " × ".join(f"{length * 1e3:.3g}" for length in np.ptp(points, axis=0)) + " mm"
+    return " × ".join(f"{float(f'{length * 1e3:.3g}'):.6g}" for length in np.ptp(points, axis=0)) + " mm"
+
+
+def counted(count: int, what: str) -> str:
+    """A number of things for people, such as ``1 point`` or ``2 points``."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def place(point: ArrayLike) -> str:

@@ -9,12 +9,14 @@ from collections.abc import Iterable, Sequence
 __all__ = ["csv_rows", "text_rows"]
 
 _OTHER_UNIT = re.compile(r"[\W_](mm|cm|um|µm|in|inch|inches)\W*$", re.IGNORECASE)
+_METRES = re.compile(r"[\W_]+m\W*$")
 
 
 def csv_rows(text: str, forms: Sequence[str]) -> list[list[float]]:
     """The numbers in each line of a CSV file.
 
-    A first line without any number is taken for names; empty lines and those that begin with ``#`` are skipped.
+    A first line without any number has the names of the columns, in any order; without it they are in the order of
+    the form. Empty lines and those that begin with ``#`` are skipped.
 
     Parameters
     ----------
@@ -23,10 +25,16 @@ def csv_rows(text: str, forms: Sequence[str]) -> list[list[float]]:
     forms : sequence of str
         The names of the columns in each allowed form, such as ``x,y,z``.
 
+    Returns
+    -------
+    list of list of float
+        The numbers of each line in the order of the form.
+
     Raises
     ------
     ValueError
-        If a line has another form than one of these, or than the first, or the names state another unit than metres.
+        If a line has another form than one of these, or than the first, or the names are others or state another unit
+        than metres.
     csv.Error
         If the file is no CSV.
     """
@@ -43,35 +51,41 @@ def text_rows(text: str, forms: Sequence[str]) -> list[list[float]]:
 
 def _rows(lines: Iterable[list[str]], forms: Sequence[str], separator: str) -> list[list[float]]:
     lengths = [form.count(",") + 1 for form in forms]
+    written = " or ".join(form.replace(",", separator) for form in forms)
     rows: list[list[float]] = []
-    names_may_come = True
+    order: Sequence[int] | None = None
     for number, cells in enumerate(lines, start=1):
         if not any(cell.strip() for cell in cells) or cells[0].lstrip().startswith("#"):
             continue
-        numbers = [_number(cell) for cell in cells]
-        if names_may_come and len(cells) in lengths and not any(value is not None for value in numbers):
-            names_may_come = False
-            _check_names(number, cells)
+        row = [value for cell in cells if (value := _number(cell)) is not None]
+        if order is None and len(cells) in lengths and not row:
+            order = _order_of(number, cells, forms)
             continue
-        names_may_come = False
-        row = [value for value in numbers if value is not None]
         if len(row) != len(cells) or len(row) not in lengths:
-            written = " or ".join(form.replace(",", separator) for form in forms)
             line = separator.join(cells)
             raise ValueError(f"line {number}: {line!r} is not {written} in numbers{_hint(line, separator)}")
-        if rows and len(row) != len(rows[0]):
-            raise ValueError(f"line {number} has {len(row)} numbers, but the lines before it have {len(rows[0])}")
-        rows.append(row)
+        order = range(len(row)) if order is None else order
+        if len(row) != len(order):
+            raise ValueError(f"line {number} has {len(row)} numbers, but the lines before it have {len(order)}")
+        rows.append([row[column] for column in order])
     return rows
 
 
-def _check_names(number: int, names: Iterable[str]) -> None:
+def _order_of(number: int, names: Iterable[str], forms: Sequence[str]) -> list[int]:
+    """The column of each name of a form, from the line of names."""
     for name in names:
         if unit := _OTHER_UNIT.search(name.strip()):
             raise ValueError(
                 f"line {number}: the column {name.strip()!r} is in {unit[1]}; coordinates must be in metres, "
                 "so convert them and call the columns x, y and z"
             )
+    plain = [_METRES.sub("", name.strip()).lower() for name in names]
+    for form in (form.split(",") for form in forms):
+        if sorted(form) == sorted(plain):
+            return [plain.index(name) for name in form]
+    raise ValueError(
+        f"line {number}: the columns are {', '.join(plain)}; they must be {' or '.join(forms)}, in any order"
+    )
 
 
 def _hint(line: str, separator: str) -> str:

@@ -43,8 +43,11 @@ def port_for_url(url: str) -> EmulatedPort:
         return EmulatedPort(address.make(), address.baud)
     emulator = open_emulator(address.serial)
     if emulator is None:
-        there = ", ".join(repr(each.serial) for each in open_emulators())
-        raise DeviceNotFoundError(f"no device at {url!r}: {f'there are {there}' if there else 'nothing is plugged in'}")
+        names = ", ".join(repr(each.serial) for each in open_emulators())
+        there = f"there are {names}" if names else "nothing is plugged in"
+        raise DeviceNotFoundError(
+            f"no device at {url!r}: {there}; an Emulator answers in a with statement, or after its open()"
+        )
     return EmulatedPort(emulator, address.baud)
 
 

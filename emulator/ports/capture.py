@@ -119,6 +119,7 @@ class Capture(Drawable):
         stop: int | None = None,
         outputs: Sequence[int] | None = None,
         zero: int | None = None,
+        **style: Any,
     ) -> Axes:
         """Draw the square waves of some outputs.
 
@@ -132,32 +133,37 @@ class Capture(Drawable):
             Output channels, from the top; by default `DRAWN_OUTPUTS` of them, spread over the chain.
         zero : int, optional
             The tick at which the time axis has its 0; ``start`` by default.
+        **style
+            A ``title``, and options of matplotlib's ``stairs``.
 
         Raises
         ------
         ValueError
-            If the stretch was not captured.
+            If there is no such output, or the stretch is empty or was not captured.
         """
         last = self.end_tick if stop is None else stop
         first = max(self.start_tick, last - DRAWN_PERIODS * TICKS_PER_PERIOD) if start is None else start
         origin = first if zero is None else zero
         drawn = np.linspace(0, CHANNELS - 1, DRAWN_OUTPUTS).astype(int).tolist() if outputs is None else outputs
+        if first >= last or not drawn:
+            raise ValueError(
+                f"outputs {list(drawn)} from tick {first} to {last} make no picture; give some outputs, and let time "
+                "pass before the capture"
+            )
+        for output in drawn:
+            _check_output(output)
         bits = self.channels(first, last)
         time = (np.arange(first, last + 1) - origin) * MICROSECONDS_PER_TICK
         axes, top, labels = axes_or_new(ax), len(drawn) - 1, []
+        title = style.pop("title", "Square waves at 2 MHz")
         for row, channel in enumerate(drawn):
-            axes.stairs(
-                top - row + 0.7 * bits[:, channel],
-                time,
-                baseline=top - row,
-                fill=True,
-                alpha=0.85,
-                color=f"C{row % 10}",
-            )
+            look: dict[str, Any] = {"fill": True, "alpha": 0.85, "color": f"C{row % 10}"} | style
+            axes.stairs(top - row + 0.7 * bits[:, channel], time, baseline=top - row, **look)
             pin = Pin.of(channel)
-            labels.append(f"board {pin.board} processor {pin.processor} bit {pin.bit:2}")
+            labels.append(f"{pin.board}, {pin.processor}, {pin.bit}")
         axes.set(
-            title="Square waves at 2 MHz",
+            title=title,
+            ylabel="board, processor, bit",
             xlabel=f"time since tick {origin} / µs",
             xlim=(time[0], time[-1]),
             yticks=[top - row + 0.35 for row in range(len(drawn))],
@@ -166,7 +172,9 @@ class Capture(Drawable):
         axes.tick_params(axis="y", length=0)
         return axes
 
-    def plot_spectrum(self, ax: Axes | None = None, *, output: int = 0, periods: int | None = None) -> Axes:
+    def plot_spectrum(
+        self, ax: Axes | None = None, *, output: int = 0, periods: int | None = None, **style: Any
+    ) -> Axes:
         """Draw the spectrum of an output, in dB relative to the fundamental of full drive, 2/π of the supply.
 
         Parameters
@@ -178,14 +186,15 @@ class Capture(Drawable):
         periods : int, optional
             The last so many carrier periods are taken, or as many as were captured; 400 resolve 100 Hz. By default
             those since the output's processor began to play what it plays, at most `MOST_PERIODS`.
+        **style
+            A ``title``, and options of matplotlib's ``vlines``.
 
         Raises
         ------
         ValueError
             If there is no such output, or no whole period was captured.
         """
-        if not 0 <= output < CHANNELS:
-            raise ValueError(f"output {output} must be from 0 to {CHANNELS - 1}")
+        _check_output(output)
         if periods is None:
             begun = max([self.start_tick, *self.latches[output // CHANNELS_PER_PROCESSOR]])
             periods = min(MOST_PERIODS, (self.end_tick - begun) // TICKS_PER_PERIOD)
@@ -197,10 +206,10 @@ class Capture(Drawable):
         amplitudes = 2 * np.abs(np.fft.rfft(bits)[1:]) / ticks
         levels = 20 * np.log10(np.maximum(amplitudes * np.pi / 2, 10 ** (FLOOR_DB / 20)))
         kilohertz = np.fft.rfftfreq(ticks, 1e3 / TICK_HZ)[1:]
-        axes = axes_or_new(ax)
-        axes.vlines(kilohertz, FLOOR_DB, levels, linewidth=1)
+        axes, title = axes_or_new(ax), style.pop("title", f"Spectrum of output {output}")
+        axes.vlines(kilohertz, FLOOR_DB, levels, **dict[str, Any](linewidth=1) | style)
         axes.set(
-            title=f"Spectrum of output {output}",
+            title=title,
             xlabel="frequency / kHz",
             ylabel="dB re full drive",
             xlim=(0, MOST_KILOHERTZ),
@@ -316,6 +325,11 @@ class Capture(Drawable):
         """The drive emitted in one carrier period, (320,) complex; see `drives`."""
         period = operator.index(period)
         return np.asarray(self.drives(period, period + 1, np.complex128)[0])
+
+
+def _check_output(output: int) -> None:
+    if not 0 <= operator.index(output) < CHANNELS:
+        raise ValueError(f"output {output} must be from 0 to {CHANNELS - 1}")
 
 
 def _deranged(track: Track, start: int, stop: int) -> NDArray[np.uint32]:

@@ -90,6 +90,10 @@ LEAVES_SECONDS = 2.0
 RETURN_SECONDS = 15.0
 """Time for a device to come back after a restart."""
 SHOWN_BYTES = 64
+NOTED_BLOCKS = 8
+"""Blocks of one transfer that are kept as evidence."""
+NOTED_BYTES = 1024
+"""Bytes of a serial line, one way, that are kept as one piece of evidence."""
 OUTPUTS = "outputs"
 """Label of the evidence on judged outputs."""
 DECODERS: Mapping[Request, Callable[[bytes], object]] = {
@@ -215,6 +219,7 @@ class Bench:
         """A serial line of the device: the line itself, or on USB its console's endpoints, which start as a console."""
         if self._serial is None:
             self._serial = RawSerialLine(CdcWire(self.usb))
+        self._serial.noted = self._note_bytes
         return self._serial
 
     def can(self, need: Need) -> bool:
@@ -248,6 +253,21 @@ class Bench:
             del self._notes[NOTES // 2]
             self._dropped += 1
 
+    def note_blocks(self, blocks: Sequence[bytes]) -> None:
+        """Keep blocks that are sent in one go as evidence: the first ones, if there are many."""
+        for block in blocks[:NOTED_BLOCKS]:
+            self.note("block", block)
+        if len(blocks) > NOTED_BLOCKS:
+            self.note("blocks", f"and {len(blocks) - NOTED_BLOCKS} more")
+
+    def _note_bytes(self, label: str, data: bytes) -> None:
+        """Keep bytes of a serial line as evidence, with those that went the same way just before."""
+        if self._notes and self._notes[-1][0] == label and len(before := self._notes[-1][1]) < NOTED_BYTES:
+            assert isinstance(before, bytes)
+            self._notes[-1] = (label, before + data)
+        else:
+            self.note(label, data)
+
     def evidence(self, *, whole: bool = False) -> tuple[Evidence, ...]:
         """The log since the case began; of many bytes only the first, or all of them."""
         shown = [Evidence(label, _shown(what, whole=whole)) for label, what in self._notes]
@@ -275,6 +295,8 @@ class Bench:
         self._marks = []
         if self._serial is not self.line:
             self._serial = None  # whatever an earlier case left
+        elif self._serial is not None:
+            self._serial.noted = None  # until a case uses the line itself: what it asks of the bench is noted there
         self.random = random.Random(zlib.crc32(name.encode()) ^ self._seed)
         try:
             self._settle()
@@ -517,7 +539,7 @@ class Bench:
             self._known_tick, self._known_at = acks[-1].now, self.line.time.monotonic()
         if acks and acks[0].reason is not Reason.ACCEPTED and self._begins(blocks[0]):
             self._number = None  # a refused block has restarted nothing
-        self.note("acknowledged", ", ".join(_brief(ack) for ack in acks[:8]) + (" …" if len(acks) > 8 else ""))
+        self.note("acknowledged", ", ".join(map(_brief, acks[:NOTED_BLOCKS])) + " …" * (len(acks) > NOTED_BLOCKS))
         return acks
 
     @staticmethod
@@ -526,10 +548,7 @@ class Bench:
         return len(block) == BLOCK_BYTES and bool(block[FLAGS_OFFSET] & Flag.RESTART)
 
     def _write(self, blocks: Sequence[bytes]) -> None:
-        for block in blocks[:4]:
-            self.note("block", block)
-        if len(blocks) > 4:
-            self.note("blocks", f"and {len(blocks) - 4} more")
+        self.note_blocks(blocks)
         data = b"".join(blocks)
         self._acks: deque[Ack] = deque()
         patience = ACK_SECONDS + len(blocks) * BLOCK_SECONDS[self.line.kind]

@@ -7,14 +7,14 @@ cases that show it or the reason why none can. It learns of cases by `Claim` and
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Container, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import groupby
 from operator import attrgetter
 from typing import Any
 
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from .clauses import Clause, clauses, requirements, resolve
@@ -141,6 +141,25 @@ class Matrix:
         )
         return cls(tuple(chapters), claims)
 
+    def of_cases(self, cases: Container[str]) -> Matrix:
+        """The rows that some cases show, with no other cases."""
+
+        def rows(clause: ClauseRows) -> tuple[MatrixRow, ...]:
+            return tuple(
+                replace(row, cases=kept)
+                for row in clause.rows
+                if (kept := tuple(case for case in row.cases if case in cases))
+            )
+
+        chapters = (
+            replace(
+                chapter, clauses=tuple(replace(each, rows=kept) for each in chapter.clauses if (kept := rows(each)))
+            )
+            for chapter in self.chapters
+        )
+        claims = tuple(claim for claim in self.claims if claim.case in cases)
+        return Matrix(tuple(chapter for chapter in chapters if chapter.clauses), claims)
+
     def rows(self) -> Iterator[MatrixRow]:
         """All rows, in the order of the text."""
         return (row for chapter in self.chapters for clause in chapter.clauses for row in clause.rows)
@@ -202,7 +221,7 @@ class Matrix:
 
     def table(self) -> Table:
         """All of it, for people: a line for each row, with its cases, its reason, or what is missing."""
-        table = Table("clause", "level", "cases, or why there is none", box=None)
+        table = Table("clause", "level", Column("cases, or why there is none", overflow="fold"), box=None)
         for chapter in self.chapters:
             table.add_row(Text(chapter.name, "bold"), "", Text(chapter.title, "bold"))
             for clause in chapter.clauses:

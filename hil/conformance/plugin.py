@@ -21,7 +21,7 @@ from .matrix import Claim
 from .profile import Profile
 from .verdicts import AT_THE_OUTPUTS, Evidence, Result, Verdict
 
-__all__ = ["Catalogue", "CatalogueCase", "Judge", "Watcher", "case_id", "wanted"]
+__all__ = ["Catalogue", "CatalogueCase", "Judge", "Watcher", "case_id", "selected", "wanted"]
 
 PREFIX = "test_"
 
@@ -66,6 +66,14 @@ class CatalogueCase:
 def wanted(entry: CatalogueCase, only: tuple[str, ...]) -> bool:
     """Whether a case is selected: all are if no name is given, else those with a name that begins like one given."""
     return not only or any(name.startswith(prefix) for name in entry.names for prefix in only)
+
+
+def selected(entries: Sequence[CatalogueCase], only: tuple[str, ...]) -> list[CatalogueCase]:
+    """The selected cases; raises ValueError if a name selects none."""
+    idle = [repr(name) for name in only if not any(wanted(entry, (name,)) for entry in entries)]
+    if idle:
+        raise ValueError(f"no case begins with {' or '.join(idle)}; --list names all")
+    return [entry for entry in entries if wanted(entry, only)]
 
 
 def case_id(item: pytest.Function) -> str:
@@ -135,7 +143,7 @@ class Watcher:
         """Somebody must do something before the run can go on."""
 
 
-@dataclass
+@dataclass(eq=False)  # pytest before 9.1 needs plugins that can be hashed
 class Judge:
     """Runs the cases against a bench and collects their results.
 

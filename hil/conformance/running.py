@@ -24,8 +24,9 @@ from ...emulator.firmware.flash import Flash
 from ...emulator.firmware.loader import DeviceIdentity, make_flash
 from ...emulator.machine import open_emulator
 from ...errors import DeviceNotFoundError
-from ...host.lines.opening import entries
+from ...host.lines.opening import SCHEMES, entries, load_by_scheme
 from ...host.lines.serial_line import PORTS
+from ...host.lines.usb_find import BACKENDS
 from ...protocol.codes import PROTOCOL_VERSION, Target
 from ...protocol.firmware import Image, Segment, sign
 from ...protocol.versions import Version
@@ -305,13 +306,15 @@ def _flash(key: Ed25519PrivateKey | None) -> Flash:
 
 def _line(url: str) -> RawLine:
     scheme = url.partition(":")[0]
-    if scheme == "usb" or (scheme == EMULATOR and "door=serial" not in url):
+    buses, ports = entries(BACKENDS), entries(PORTS)
+    if scheme in buses and not (scheme == EMULATOR and "door=serial" in url):
         return RawUsbLine(url)
-    if scheme not in (ports := entries(PORTS)):
-        known = ", ".join(sorted(f"{name}:" for name in {*ports, "usb"}))
+    if scheme not in ports:
+        load_by_scheme(SCHEMES, url)  # which says what to write, unless a transport has this scheme
+        known = ", ".join(sorted(f"{name}:" for name in {*ports, *buses}))
         raise DeviceNotFoundError(
             f"no raw line at {url!r}: the suite must also send what is wrong, which a transport cannot, so it needs "
-            f"usb: or a port of the group {PORTS}; there are {known}"
+            f"a bus of the group {BACKENDS} or a port of the group {PORTS}; there are {known}"
         )
     line = RawSerialLine(PortWire(url))
     line.enter_frames()

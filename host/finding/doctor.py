@@ -21,7 +21,7 @@ from ...errors import (
     DeviceTimeoutError,
     DeviceVersionError,
 )
-from ..lines.opening import entries
+from ..lines.opening import MEANT, entries
 from ..lines.usb_find import BACKENDS, RUN_TIME, Sighting, UsbFinder
 from ..playing.device import Device, open_device
 from .computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer
@@ -43,7 +43,7 @@ CURES: Mapping[type[DeviceError], str] = {
     DeviceAccessError: "close what else uses it; on Linux a serial port belongs to a group, mostly dialout: `sudo "
     "usermod -aG dialout $USER`, and log in again",
     DeviceRefusedError: f"`{RESET}`, or switch it off and on",
-    DeviceVersionError: f"update the older of the two: `pip install --upgrade phasewire`, or `{FLASH}`",
+    DeviceVersionError: f"update the older of the two: phasewire as it was installed, or the firmware by `{FLASH}`",
     DeviceError: f"`{RESET}`, or switch it off and on; if it stays, write its firmware anew: `{FLASH}`",
 }
 """What to do if a check cannot be finished, by the first kind of error that fits."""
@@ -78,7 +78,9 @@ def examine(url: str | None = None, *, play: bool = False, computer: Computer | 
 
 
 def _nothing_there(error: DeviceNotFoundError) -> Iterator[Finding]:
-    yield Finding(FOUND, CheckVerdict.FAIL, str(error), "plug it in, with power; emulator: always works")
+    said, meant, url = str(error).partition(MEANT)
+    advice = f"{meant.lstrip('; ')}{url}" if meant else "plug it in, with power; emulator: always works"
+    yield Finding(FOUND, CheckVerdict.FAIL, said, advice)
     yield from _left_out(CHECKS[CHECKS.index(FOUND) + 1 :], "there is no device")
 
 

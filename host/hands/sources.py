@@ -177,6 +177,8 @@ def open_hands(url: str, clock: Timekeeper = time) -> HandSource:
         If the rest of the URL is wrong.
     InputFileError, OSError
         If it names a file that cannot be read.
+    MissingExtraError
+        If a package that it needs is not installed.
     """
     if url.startswith("mouse:"):
         raise TrackerNotFoundError("mouse: is the hand of the page in a browser; it cannot be opened here")

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputFileError, TrackerError, TrackerLostError, TrackerNotFoundError
+from ...extras import install_command, needing
 from ...solver.contact.hand import Side
 from ...storage import FilePath, open_plain, read_file
 from ..lines.transport import Timekeeper
@@ -71,7 +72,7 @@ class Landmarker:
 
     Raises
     ------
-    TrackerNotFoundError
+    MissingExtraError
         If MediaPipe is not installed.
     InputFileError
         If MediaPipe cannot use the model.
@@ -119,12 +120,8 @@ class Landmarker:
 def _imported(name: str) -> Any:
     """MediaPipe or OpenCV."""
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # our errors say it; both load OpenCV, which reads this then
-    try:
+    with needing("video", "finding hands in pictures"):
         return import_module(name)
-    except ImportError as error:
-        raise TrackerNotFoundError(
-            f"hands in pictures need MediaPipe ({error}); install it with: pip install 'phasewire[video]'"
-        ) from error
 
 
 def _captured(source: str | int) -> Any:
@@ -250,6 +247,7 @@ def _taken_apart(rest: str, form: str) -> tuple[str, Path, View]:
     where, options = read_options(rest, OPTIONS, form)
     model = options.pop("model", None) or os.environ.get(MODEL_VARIABLE)
     if not model:
+        _imported("mediapipe")  # without it a model is of no use
         raise ValueError(
             f"the file of MediaPipe's hand model is missing: name it by ?model=hand_landmarker.task, or in "
             f"${MODEL_VARIABLE}; it can be downloaded at {MODEL_PAGE}"
@@ -260,7 +258,7 @@ def _taken_apart(rest: str, form: str) -> tuple[str, Path, View]:
 def _probed() -> Readiness:
     missing = [name for name in ("mediapipe", "cv2") if find_spec(name) is None]
     if missing:
-        return Readiness(False, f"no {' and no '.join(missing)} here: pip install 'phasewire[video]'")
+        return Readiness(False, f"no {' and no '.join(missing)} here: {install_command('video')}")
     model = os.environ.get(MODEL_VARIABLE)
     if not model:
         return Readiness(True, f"MediaPipe is installed; name its model by ?model=FILE or in ${MODEL_VARIABLE}")

@@ -18,6 +18,7 @@ from .transport import Scheme, Transport
 
 __all__ = [
     "DEFAULT_URL",
+    "MEANT",
     "SCHEMES",
     "URL_VARIABLE",
     "default_url",
@@ -30,6 +31,8 @@ __all__ = [
 DEFAULT_URL = "emulator:"
 URL_VARIABLE = "PHASEWIRE_DEVICE"
 SCHEMES = "phasewire.transports"
+MEANT = "; for this serial port write "
+"""In an error, before the URL of a serial port of which only the name was given."""
 
 
 def default_url() -> str:
@@ -78,8 +81,8 @@ def load_by_scheme(
 def _meant(url: str) -> str:
     """The rest of an error's sentence for a URL that is only the name of a serial port."""
     if url.startswith("/dev/"):
-        return f"; for this serial port write serial://{url}"
-    return f"; for this serial port write serial:{url}" if re.fullmatch(r"COM\d+", url, re.IGNORECASE) else ""
+        return f"{MEANT}serial://{url}"
+    return f"{MEANT}serial:{url}" if re.fullmatch(r"COM\d+", url, re.IGNORECASE) else ""
 
 
 def open_transport(url: str) -> Transport:

@@ -7,6 +7,7 @@ from contextlib import suppress
 from functools import partial
 from types import TracebackType
 from typing import Any, NamedTuple, Self
+from warnings import warn
 
 from ...errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
 from ...protocol.blocks import AmplitudeModulation, Body, Entries, Entry, Output, PlaySequence, Samples, Slot, Update
@@ -22,6 +23,7 @@ from ...protocol.codes import (
     Request,
 )
 from ...protocol.plain import flag_names
+from ...protocol.pulses import Pulses
 from ...protocol.ranges import whole
 from ...protocol.replies import (
     Ack,
@@ -35,11 +37,12 @@ from ...protocol.replies import (
 )
 from ...protocol.requests import VALUES
 from ...protocol.wiring import Wiring
+from ...solver import Solution, TransducerArray
 from ..lines.opening import default_url, open_transport
 from ..lines.transport import Timekeeper, Transport
 from .calibration import Calibration
 from .envelopes import Envelope
-from .frames import Frame, Frames, frame_source, to_pulses
+from .frames import Frame, Frames, differences, frame_source, to_pulses
 from .session import Session
 from .streaming import LOOK_AHEAD_SECONDS, Stream, StreamReport
 
@@ -60,9 +63,9 @@ def open_device(url: str | None = None, *, calibration: Calibration | None = Non
     Parameters
     ----------
     url : str, optional
-        ``emulator:`` (a fresh emulated device), ``emulator:SERIAL`` (one that this process has plugged in), ``usb:``
-        (the only one), ``usb:SERIAL``, ``serial:///dev/ttyACM0?baud=…``, ``socket://host:port`` or
-        ``rfc2217://host:port``. By default ``$PHASEWIRE_DEVICE``, else ``emulator:``.
+        ``emulator:`` (a fresh emulated device), ``emulator:SERIAL`` (an open `Emulator` of this process), ``usb:``
+        (the only one), ``usb:SERIAL``, ``usbip:host:port`` (that of a USB/IP server), ``serial:///dev/ttyACM0?baud=…``,
+        ``socket://host:port`` or ``rfc2217://host:port``. By default ``$PHASEWIRE_DEVICE``, else ``emulator:``.
     calibration : Calibration, optional
         The real emission of each transducer; drives are corrected for it on their way to pulses.
     observe : bool
@@ -122,6 +125,7 @@ class Device:
         self._watchdog: float | None = None
         self._drive_limit: int | None = None
         self._envelope: tuple[bytes, int] | None = None
+        self._compared: TransducerArray | None = None
         if calibration is not None and len(calibration) != self.info.channels:
             raise ValueError(
                 f"the calibration is for {len(calibration)} transducers, the device has {self.info.channels}"
@@ -292,7 +296,8 @@ class Device:
         """Play a frame until something else follows or the host falls silent.
 
         The outputs are enabled first if they are not. The device turns them off when it hears nothing for its
-        watchdog's time; `status` is a sign of life.
+        watchdog's time; `status` is a sign of life. If a solution is for another array or carrier than the device's,
+        there is a warning.
 
         Parameters
         ----------
@@ -313,7 +318,15 @@ class Device:
         DeviceRefusedError
             If the device refuses it.
         """
-        return self._play(Update(to_pulses(frame, self.calibration, self.info.channels), period))
+        return self._play(Update(self._pulses(frame), period))
+
+    def _pulses(self, frame: Frame) -> Pulses:
+        pulses = to_pulses(frame, self.calibration, self.info.channels)
+        if isinstance(frame, Solution) and frame.array is not self._compared:  # once for all of a live solver
+            self._compared = frame.array
+            for difference in differences(frame.array, frame.medium, self.info):
+                warn(f"the solution was made for something else: {difference}", stacklevel=3)
+        return pulses
 
     def store(self, slot: int, frame: Frame) -> Ack:
         """Store a frame in a numbered slot, 0 to `info.slots` - 1, for `play`.
@@ -326,7 +339,7 @@ class Device:
             If the device refuses it, as while a sequence plays that slot.
         """
         self._need(Feature.SEQUENCES)
-        return self._sent(Slot(slot, to_pulses(frame, self.calibration, self.info.channels)))
+        return self._sent(Slot(slot, self._pulses(frame)))
 
     def play(
         self,
@@ -390,6 +403,10 @@ class Device:
         DeviceRefusedError
             If the device refuses it.
         """
+        if isinstance(samples, Envelope) or isinstance(hold, Envelope) or not isinstance(samples, Iterable):
+            raise ValueError(
+                "modulate takes amplitudes and a hold, as in modulate(*sine(200)), and modulates whatever plays"
+            )
         self._need(Feature.MODULATION)
         values = samples if isinstance(samples, bytes) else bytes(whole("sample", each, 0, 255) for each in samples)
         with self._session.lock:

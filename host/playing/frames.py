@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from ...protocol.pulses import Pulses
 from ...protocol.quantise import PulseFrames, check_pulses, quantise
-from ...solver import ControlPoints, Solution, Solver
+from ...protocol.replies import Info
+from ...solver import ControlPoints, Medium, Solution, Solver, TransducerArray
 from .calibration import Calibration
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "StoredFrames",
     "beginning",
     "check_rate",
+    "differences",
     "frame_source",
     "solved",
     "to_pulses",
@@ -78,6 +80,20 @@ def check_rate(rate: float) -> None:
     """Raise `ValueError` if no frames can be played at a rate, in frames per second."""
     if not LEAST_RATE <= rate < np.inf:
         raise ValueError(f"a rate of {rate:g} frames/s must be at least {LEAST_RATE:g} and finite")
+
+
+def differences(array: TransducerArray | None, medium: Medium | None, what: Info) -> list[str]:
+    """The differences between a device and what frames were made for, as far as that is known: they change the field.
+
+    An array of another number of transducers is none of them: its frames are refused.
+    """
+    found = []
+    own = TransducerArray.grid(what.columns, what.rows, what.pitch).positions
+    if array is not None and array.positions.shape == own.shape and not np.allclose(array.positions, own, atol=1e-6):
+        found.append(f"the device has {what.columns} × {what.rows} transducers, {what.pitch * 1e3:g} mm apart")
+    if medium is not None and medium.frequency != what.carrier_hz:
+        found.append(f"the device's carrier has {what.carrier_hz} Hz, not {medium.frequency:g} Hz")
+    return found
 
 
 def to_pulses(frame: Frame, calibration: Calibration | None, channels: int) -> Pulses:

@@ -34,7 +34,11 @@ def _record(kind: str, data: bytes, decode: Callable[[bytes], Ack | Status], cla
         if len(data) in (Ack.BYTES, Status.BYTES) and end != (computed := zlib.crc32(body).to_bytes(4, "little")):
             finding = Violation("CHECKSUM", clause, f"CRC-32 {end[::-1].hex()} should be {computed[::-1].hex()}")
         return Description(kind, few(data), {}, (finding,))
-    return Description(kind, in_words(record), plainly(record))
+    findings: tuple[Violation, ...] = ()
+    if isinstance(record, Ack) and record.reason != Reason.ACCEPTED and record.commit_period:
+        text = f"commit_period {record.commit_period} should be 0: the block is refused"
+        findings = (Violation("", clause, text),)
+    return Description(kind, in_words(record), plainly(record), findings)
 
 
 def in_words(answer: Any) -> str:

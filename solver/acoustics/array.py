@@ -5,24 +5,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...pictures import MM, Drawable, axes_or_new
-from ..geometry import Movable, Scalar, as_points, extent, frozen
+from ...pictures import MM, Drawable, axes_or_new, colour_bar
+from ..arguments import check_positive, instance_of
+from ..geometry import WIDEST, Movable, Scalar, as_points, counted, extent, frozen
 from .transducer import Transducer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["TransducerArray"]
+__all__ = ["TransducerArray", "check_array"]
 
 COLUMNS, ROWS, PITCH = 20, 16, 10.3e-3  # metres; the default grid
 MAX_TRANSDUCERS = 1_000_000
 MAX_GAIN = 100.0
 LEAST = 1e-6  # gain, or limit, that is not 0
+COINCIDENT = 1e-6  # metres: two transducers that are closer are one that was entered twice
+ACROSS = np.array([1.0, 2**0.5, 3**0.5])  # along which no two places of a grid coincide
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +49,8 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
     Raises
     ------
     ValueError
-        If shapes differ, a number is not finite or out of range, or a normal is not of unit length.
+        If shapes differ, a number is not finite or out of range, a normal is not of unit length, or two transducers are
+        at one place.
     """
 
     positions: NDArray[np.float64]
@@ -68,6 +72,18 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
         object.__setattr__(self, "transducer", transducer or Transducer())
         if self.positions.shape != self.normals.shape:
             raise ValueError(f"{len(self.positions)} positions but {len(self.normals)} normals: one of each is needed")
+        if (width := float(np.ptp(self.positions, axis=0).max())) > WIDEST:
+            raise ValueError(
+                f"the array is {width:.4g} m wide, more than {WIDEST:g} m; lengths are in metres: 10.3 mm is 0.0103"
+            )
+        order = np.argsort(self.positions @ ACROSS, kind="stable")
+        gaps = np.linalg.norm(np.diff(self.positions[order], axis=0), axis=1)
+        if (bad := np.flatnonzero(gaps < COINCIDENT)).size:
+            first, second = sorted(order[bad[0] : bad[0] + 2].tolist())
+            raise ValueError(
+                f"transducers {first} and {second} are both at {self.positions[first].tolist()} m; each needs a place "
+                "of its own"
+            )
         lengths = np.linalg.norm(self.normals, axis=1)
         if (bad := np.flatnonzero(np.abs(lengths - 1) > 1e-6)).size:
             raise ValueError(f"the normal of transducer {bad[0]} has length {lengths[bad[0]]:.6g}; it must be 1")
@@ -90,7 +106,7 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
 
     def __repr__(self) -> str:
         deaf = "" if self.able.all() else f", {int((~self.able).sum())} of them silent"
-        return f"TransducerArray({len(self)} transducers{deaf}, {extent(self.positions)})"
+        return f"TransducerArray({counted(len(self), 'transducer')}{deaf}, {extent(self.positions)})"
 
     def _for_each(self, what: str, values: ArrayLike | None, dtype: type[Scalar]) -> NDArray[Scalar]:
         try:
@@ -129,16 +145,15 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
                 raise ValueError(f"{name} {count} must be a whole number, at least 1")
         if columns * rows > MAX_TRANSDUCERS:
             raise ValueError(f"{columns} × {rows} transducers are too many; at most {MAX_TRANSDUCERS} are possible")
-        if not 0 < pitch < np.inf:
-            raise ValueError(f"pitch {pitch} m must be positive and finite")
+        check_positive(pitch, "pitch")
         x = (np.arange(columns) - (columns - 1) / 2) * pitch
         y = (np.arange(rows) - (rows - 1) / 2) * pitch
         grid_x, grid_y = np.meshgrid(x, y)
         positions = np.stack([grid_x.ravel(), grid_y.ravel(), np.zeros(columns * rows)], axis=1)
         return cls(positions, np.tile([0.0, 0.0, 1.0], (columns * rows, 1)), transducer)
 
-    def plot(self, ax: Axes | None = None, *, drive: ArrayLike | None = None) -> Axes:
-        """Draw it as seen from above.
+    def plot(self, ax: Axes | None = None, *, drive: ArrayLike | None = None, **style: Any) -> Axes:
+        """Draw it as seen from above; transducers that look down are larger dots, behind the others.
 
         Parameters
         ----------
@@ -147,36 +162,32 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
         drive : (n,) complex, optional
             Drives: the colour of a dot is the phase, its area the magnitude. Without them, dots without filling are
             transducers that cannot sound.
+        **style
+            A ``title``, and options of matplotlib's ``scatter``, such as ``cmap``.
 
         Raises
         ------
         ValueError
             If the drives are not as many as the transducers.
         """
-        axes = axes_or_new(ax)
-        x, y = (self.positions[:, :2] * MM).T
-        axes.set(title="The array" if drive is None else "Drive of the array", xlabel="x / mm", ylabel="y / mm")
-        axes.set_aspect("equal")
         if drive is None:
-            axes.scatter(x, y, s=40, c=np.where(self.able, "0.7", "none"), edgecolors="0.4", linewidths=0.5)
-            return axes
-        drives = np.asarray(drive, dtype=np.complex128)
-        if drives.shape != (len(self),):
-            raise ValueError(f"drives have the shape {drives.shape}, but there are {len(self)} transducers")
-        dots = axes.scatter(
-            x,
-            y,
-            s=4 + 66 * np.abs(drives),
-            c=np.degrees(np.angle(drives)),
-            cmap="twilight_shifted",
-            vmin=-180,
-            vmax=180,
-            edgecolors="0.5",
-            linewidths=0.5,
-        )
-        axes.figure.colorbar(
-            dots, ax=axes, label="phase / degrees", ticks=range(-180, 181, 90), fraction=0.046, pad=0.03
-        )
+            title, sizes, colours = "The array", np.full(len(self), 40.0), np.where(self.able, "0.7", "none")
+            look: dict[str, Any] = {"edgecolors": "0.4", "linewidths": 0.5}
+        else:
+            drives = self._for_each("drive", drive, np.complex128)
+            title, sizes, colours = "Drive of the array", 4 + 66 * np.abs(drives), np.degrees(np.angle(drives))
+            look = {"cmap": "twilight_shifted", "vmin": -180, "vmax": 180, "edgecolors": "0.5", "linewidths": 0.5}
+        down = self.normals[:, 2] < 0
+        note = " (larger dots look down)" if down.any() else ""
+        axes, look = axes_or_new(ax), look | style
+        axes.set(title=look.pop("title", title), xlabel=f"x / mm{note}", ylabel="y / mm")
+        axes.set_aspect("equal")
+        for factor, of in ((2.5, down), (1, ~down)):
+            if of.any():
+                x, y = self.positions[of, :2].T * MM
+                dots = axes.scatter(x, y, **dict[str, Any](s=factor * sizes[of], c=colours[of]) | look)
+        if drive is not None:
+            colour_bar(axes, dots, "phase / degrees", fraction=0.046, pad=0.03).set_ticks(range(-180, 181, 90))
         return axes
 
     def calibrated(self, response: ArrayLike, limits: ArrayLike | None = None) -> TransducerArray:
@@ -223,3 +234,8 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
             np.concatenate([panel.response for panel in panels]),
             np.concatenate([panel.limits for panel in panels]),
         )
+
+
+def check_array(array: object) -> None:
+    """Raise `ValueError` if something is no array."""
+    instance_of(array, TransducerArray, "array", "such as TransducerArray.grid()")

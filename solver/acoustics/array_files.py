@@ -32,7 +32,7 @@ def read_transducers(path: FilePath) -> TransducerArray:
     """Read an array from a CSV or TOML file, by the suffix of its name; docs/how-to/any-array.md describes them.
 
     CSV: a line per transducer, ``x,y,z`` or ``x,y,z,nx,ny,nz``: its position in metres, and the direction in which it
-    looks, of any length; without one, it looks up. A first line without any number is taken for names.
+    looks, of any length; without one, it looks up. A first line with these names may put the columns in any order.
     TOML: a list ``[[panel]]`` of grids, or of CSV files, each with its placement; and what each ``[transducer]`` is.
 
     The order of the file is the order of the channels.
@@ -115,7 +115,10 @@ def _panel(entry: Any, part: Transducer, folder: Path) -> TransducerArray:
         _check_keys(entry, (FILE, *PLACEMENT_KEYS))
         if not isinstance(entry[FILE], str) or Path(entry[FILE]).suffix.lower() != ".csv":
             raise ValueError(f"{FILE} is {entry[FILE]!r}; it must be the name of a .csv file")
-        read = _read_csv(folder / entry[FILE])
+        try:
+            read = _read_csv(folder / entry[FILE])
+        except OSError as error:
+            raise ValueError(f"{FILE} {entry[FILE]!r} cannot be read: {error.strerror}") from error
         panel = TransducerArray(read.positions, read.normals, part)
     else:
         _check_keys(entry, (*GRID, *PLACEMENT_KEYS))
@@ -124,6 +127,8 @@ def _panel(entry: Any, part: Transducer, folder: Path) -> TransducerArray:
         for key in ("columns", "rows"):
             if not isinstance(entry.get(key), int) or isinstance(entry[key], bool):
                 raise ValueError(f"{key} is {entry.get(key)!r}; it must be a whole number")
+        if not any(key in entry for key in PITCHES):
+            raise ValueError("it has no pitch; give pitch_mm, such as 10.3, or pitch_m")
         metres = float(table_numbers(entry, "pitch_mm", ())) * 1e-3 if "pitch_mm" in entry else None
         pitch = float(table_numbers(entry, "pitch_m", ())) if metres is None else metres
         panel = TransducerArray.grid(entry["columns"], entry["rows"], pitch, part)

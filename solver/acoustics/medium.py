@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["Medium"]
+from ..arguments import instance_of
+
+__all__ = ["Medium", "as_medium"]
 
 MAX_FREQUENCY = 1e9  # Hz; air carries no sound of that pitch
 MAX_TEMPERATURE = 1000.0  # °C, above which the formulas have no meaning
@@ -106,3 +108,8 @@ class Medium:
     def attenuation(self) -> float:
         """Attenuation α of pressure as in e^{−αr}, in Np/m; 0 unless `absorbing`."""
         return self.absorption / DECIBELS_PER_NEPER if self.absorbing else 0.0
+
+
+def as_medium(medium: Medium | None) -> Medium:
+    """The air, by default of 20 °C; `ValueError` if it is anything else."""
+    return Medium() if medium is None else instance_of(medium, Medium, "medium", "such as Medium(temperature=25)")

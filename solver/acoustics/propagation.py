@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import as_points
-from .array import TransducerArray
+from ..geometry import PointsLike, as_places
+from .array import TransducerArray, check_array
 from .diffraction import KERNELS
-from .medium import Medium
+from .medium import Medium, as_medium
 from .models import residual
 from .residual_table import ResidualTable
 
@@ -27,14 +27,14 @@ Precision = Literal["double", "single"]
 PAIRS_AT_A_TIME = 1_000_000  # of points and transducers: bounds the memory of a large field
 
 
-def transfer_matrix(array: TransducerArray, at: ArrayLike, medium: Medium | None = None) -> NDArray[np.complex128]:
+def transfer_matrix(array: TransducerArray, at: PointsLike, medium: Medium | None = None) -> NDArray[np.complex128]:
     """Pressure at each point per unit drive of each transducer, the matrix A of the paper's (7).
 
     Parameters
     ----------
     array : TransducerArray
         n transducers.
-    at : (m, 3) float
+    at : ControlPoints, Shape or (m, 3) float
         Points, in metres, at least one piston radius from every transducer's centre, or two radii if the model is a
         Rayleigh integral.
     medium : Medium, optional
@@ -54,7 +54,8 @@ def transfer_matrix(array: TransducerArray, at: ArrayLike, medium: Medium | None
     -----
     Rayleigh integrals are looked up, see `ResidualTable`. Absorption is taken along the way from the centre.
     """
-    return _transfer_matrix(array, as_points(at, "point"), medium or Medium())
+    check_array(array)
+    return _transfer_matrix(array, as_places(at), as_medium(medium))
 
 
 def _transfer_matrix(
@@ -81,7 +82,7 @@ def _transfer_matrix(
 def pressure(
     array: TransducerArray,
     drive: ArrayLike,
-    at: ArrayLike,
+    at: PointsLike,
     medium: Medium | None = None,
     precision: Precision = "double",
 ) -> NDArray[np.complex128]:
@@ -93,7 +94,7 @@ def pressure(
         n transducers.
     drive : (n,) complex
         Drives; 1 is full drive.
-    at : (k, 3) float
+    at : ControlPoints, Shape or (k, 3) float
         Points, in metres.
     medium : Medium, optional
         The air; 20 °C by default.
@@ -112,6 +113,7 @@ def pressure(
     ValueError
         If the drive has another length than the array, or as `transfer_matrix`.
     """
+    check_array(array)
     try:
         drive = np.asarray(drive, dtype=np.complex128)
     except (TypeError, ValueError) as error:
@@ -122,7 +124,7 @@ def pressure(
         raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
     if precision not in get_args(Precision):
         raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
-    points, medium = as_points(at, "point"), medium or Medium()
+    points, medium = as_places(at), as_medium(medium)
     if precision == "single" and (tables := _reaching(array, points, medium)) is not None:
         from .tables import pressure_at
 
@@ -135,7 +137,7 @@ def pressure(
     return result
 
 
-def arrivals(array: TransducerArray, at: ArrayLike, medium: Medium) -> NDArray[np.complex64]:
+def arrivals(array: TransducerArray, at: PointsLike, medium: Medium) -> NDArray[np.complex64]:
     """Each transducer's wave at each point per unit drive, without the phase of its path.
 
     Parameters
@@ -158,7 +160,7 @@ def arrivals(array: TransducerArray, at: ArrayLike, medium: Medium) -> NDArray[n
     ValueError
         As `transfer_matrix`.
     """
-    points = as_points(at, "point")
+    points = as_places(at)
     if (tables := _reaching(array, points, medium)) is not None:
         from .tables import arrivals_at
 

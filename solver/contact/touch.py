@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import frozen
+from ..geometry import counted, frozen
 from ..shapes.curves import SPACING
 from ..shapes.points import MAX_POINTS, ControlPoints
 from .arcs import Arcs
@@ -56,7 +56,7 @@ class Touch:
     marks: NDArray[np.int64]
 
     def __repr__(self) -> str:
-        return f"Touch({0 if self.points is None else len(self.points)} points)"
+        return f"Touch({counted(0 if self.points is None else len(self.points), 'point')})"
 
     @property
     def ids(self) -> NDArray[np.int64]:

@@ -16,8 +16,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from ..acoustics.array import TransducerArray
-from ..acoustics.medium import Medium
+from ..acoustics.array import TransducerArray, check_array
+from ..acoustics.medium import Medium, as_medium
 from ..acoustics.propagation import transfer_matrix
 from ..geometry import frozen
 from .field import PlaneField
@@ -72,7 +72,8 @@ class PlanePropagator:
     ) -> None:
         if not (isinstance(per_pitch, Integral) and per_pitch >= 1):
             raise ValueError(f"per_pitch {per_pitch} must be a whole number, at least 1")
-        medium = medium or Medium()
+        check_array(array)
+        medium = as_medium(medium)
         pitch, cells = _square_grid(array)
         grid = Grid.horizontal(height, extent, pitch / per_pitch)
         columns, rows = (int(count) + 1 for count in cells.max(axis=0))

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...pictures import Drawable, axes_or_new
-from ..acoustics.array import TransducerArray
-from ..acoustics.medium import Medium
+from ...pictures import Drawable
+from ..acoustics.array import TransducerArray, check_array
+from ..acoustics.medium import Medium, as_medium
 from ..acoustics.propagation import pressure
 from ..geometry import frozen
-from ..shapes.points import ControlPoints
-from .drawing import draw_plane
+from ..methods.solve import Wanted
+from .drawing import OIL, draw_oil, draw_plane
 from .grid import Grid
 
 if TYPE_CHECKING:
@@ -95,32 +95,35 @@ class PlaneField(Field, Drawable):
         self,
         ax: Axes | None = None,
         *,
-        points: ControlPoints | None = None,
+        points: Wanted | None = None,
         quantity: str = "pressure",
         largest: float | None = None,
+        **style: Any,
     ) -> Axes:
-        """Draw it; the colour bar has the quantity's unit, and dB relative to its end.
+        """Draw it; the colour bar has the quantity's unit and, if there is room, dB relative to its end.
 
         Parameters
         ----------
         ax : matplotlib axes, optional
             To draw onto; by default those of a new figure of pyplot.
-        points : ControlPoints, optional
+        points : ControlPoints, Shape or (m, 3) float, optional
             Those in the plane are marked.
         quantity : str
-            A key of `QUANTITIES`.
+            A key of `QUANTITIES`, or ``oil``: the surface of oil that the field pushes down, in a horizontal plane.
         largest : float, optional
             End of the colour bar, in the quantity's unit: the same for pictures to be compared. By default the largest
             sample.
+        **style
+            A ``title``, and options of matplotlib's ``imshow``, such as ``cmap``.
 
         Raises
         ------
         ValueError
             If the quantity is unknown.
         """
-        axes = axes_or_new(ax)
-        draw_plane(axes, self.grid, self.pressure, self.medium, points, quantity, largest)
-        return axes
+        if quantity == OIL:
+            return draw_oil(ax, self, points, **style)
+        return draw_plane(ax, self, points, quantity, largest, **style)
 
     def __post_init__(self) -> None:
         """Check the shape."""
@@ -139,9 +142,9 @@ class VolumeField(Field, Drawable):
         grid = Grid(centre, self.grid.axes[:2], self.grid.counts[:2], self.grid.step)
         return PlaneField(grid, self.pressure[layer], self.medium)
 
-    def plot(self, ax: Axes | None = None, *, quantity: str = "pressure", largest: float | None = None) -> Axes:
+    def plot(self, ax: Axes | None = None, **options: Any) -> Axes:
         """Draw its `strongest_plane`; parameters and errors are those of `PlaneField.plot`."""
-        return self.strongest_plane().plot(ax, quantity=quantity, largest=largest)
+        return self.strongest_plane().plot(ax, **options)
 
     def __post_init__(self) -> None:
         """Check the shape."""
@@ -202,14 +205,14 @@ def sample_cut(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Med
         If the grid is no plane, a sample is too close to a transducer, or there are too many samples.
     """
     _check_kind(grid, "plane")
-    medium = medium or Medium()
+    medium = as_medium(medium)
     return PlaneField(grid, _sample(array, drive, grid, medium), medium)
 
 
 def sample_volume(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Medium | None = None) -> VolumeField:
     """Pressure over a box, such as ``Grid.along("xyz", (0, 0, 0.2), 0.1, 2e-3)``; otherwise as `sample_cut`."""
     _check_kind(grid, "box")
-    medium = medium or Medium()
+    medium = as_medium(medium)
     return VolumeField(grid, _sample(array, drive, grid, medium), medium)
 
 
@@ -219,6 +222,7 @@ def _check_kind(grid: Grid, kind: str) -> None:
 
 
 def _sample(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Medium) -> NDArray[np.complex128]:
+    check_array(array)
     samples = math.prod(grid.counts)
     if samples * len(array) > MAX_PAIRS:
         raise ValueError(f"{samples} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs")

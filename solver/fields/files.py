@@ -16,10 +16,11 @@ from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.transducer import Transducer
 from ..archives import read_arrays
+from ..arguments import instance_of
 from ..geometry import frozen
 from ..methods.solve import Solution
 from ..shapes.points import ControlPoints
-from .field import PlaneField, VolumeField
+from .field import Field, PlaneField, VolumeField
 from .grid import Grid
 
 __all__ = [
@@ -43,6 +44,7 @@ FIELD_UNITS = (
 
 def save_solution(path: FilePath, solution: Solution) -> None:
     """Write a solution with all that is needed to use it again, whole or not at all."""
+    instance_of(solution, Solution, "solution", "as in save_solution(path, solution)")
     array, points = solution.array, solution.points
     with replacing(path) as part, part.open("wb") as file:
         entries = {
@@ -156,6 +158,7 @@ def save_field(path: FilePath, field: PlaneField | VolumeField) -> None:
     and `step` in metres, its `axes` (d, 3), the first of which belongs to the columns, the medium as in a
     solved file, and `units`, which says this in words.
     """
+    instance_of(field, Field, "field", "as in save_field(path, field)")
     with replacing(path) as part, part.open("wb") as file:
         np.savez(
             file,

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...pictures import Drawable, axes_or_new
-from ..acoustics.array import TransducerArray
-from ..acoustics.medium import Medium
+from ..acoustics.array import TransducerArray, check_array
+from ..acoustics.medium import Medium, as_medium
 from ..acoustics.propagation import pressure, transfer_matrix
-from ..geometry import place
+from ..geometry import counted, place
 from ..methods.solve import Wanted, control_points
 from ..shapes.points import ControlPoints, check_reachable
 from .field import MAX_PAIRS, PlaneField, VolumeField, sample_cut, sample_volume
@@ -147,28 +147,35 @@ class FocusReport(Drawable):
     searched: str
 
     def __repr__(self) -> str:
-        found = f"{len(self.missing)} missing, {len(self.ghosts)} ghosts"
-        return f"FocusReport({len(self.foci)} foci of {self.mean:.0f} Pa, spread {self.spread:.1%}, {found})"
+        found = f"{len(self.missing)} missing, {counted(len(self.ghosts), 'ghost')}"
+        return f"FocusReport({self._count} of {self.mean:.0f} Pa, spread {self.spread:.1%}, {found})"
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw |p| at each point, relative to its wanted amplitude, and the mean."""
-        axes = axes_or_new(ax)
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Draw |p| at each point, relative to its wanted amplitude, and the mean.
+
+        ``style`` is a ``title``, and options of matplotlib's ``bar``.
+        """
+        axes, title = axes_or_new(ax), style.pop("title", f"{self._count}, spread {self.spread:.1%}")
         for label, colour, foci in (
             ("present", "C0", [focus for focus in self.foci if not focus.missing]),
             ("missing", "C3", self.missing),
         ):
             if foci:
                 relative = [focus.pressure / focus.amplitude for focus in foci]
-                axes.bar([focus.index for focus in foci], relative, color=colour, label=label)
+                axes.bar([focus.index for focus in foci], relative, **dict[str, Any](color=colour, label=label) | style)
         axes.axhline(self.mean, color="0.3", linestyle="--", linewidth=1, label="mean |p|")
         axes.set(
-            title=f"{len(self.foci)} foci, spread {self.spread:.1%}",
+            title=title,
             xlabel="control point",
             ylabel="|p| / amplitude / Pa",
         )
         axes.locator_params(axis="x", integer=True)
         axes.legend(loc="lower right")
         return axes
+
+    @property
+    def _count(self) -> str:
+        return "1 focus" if len(self.foci) == 1 else f"{len(self.foci)} foci"
 
     @property
     def missing(self) -> tuple[Focus, ...]:
@@ -185,7 +192,7 @@ class FocusReport(Drawable):
         """A few lines for people."""
         worst = max(math.hypot(*focus.offset) for focus in self.foci)
         lines = [
-            f"{len(self.foci)} foci: {self.mean:.0f} Pa (peak) in the mean, spread {self.spread:.1%}, "
+            f"{self._count}: {self.mean:.0f} Pa (peak) in the mean, spread {self.spread:.1%}, "
             f"at most {worst * 1e3:.1f} mm off their points"
         ]
         widths = [[focus.width[axis] for focus in self.foci] for axis in range(3)]
@@ -203,7 +210,9 @@ class FocusReport(Drawable):
         lines.append(f"strongest lobe beside them: {where}; ghosts: {len(self.ghosts)} (searched: {self.searched})")
         if self.nulls:
             levels = [null.level for null in self.nulls]
-            lines.append(f"{len(levels)} nulls: {min(levels):.1f} to {max(levels):.1f} dB relative to the foci")
+            lines.append(
+                f"{counted(len(levels), 'null')}: {min(levels):.1f} to {max(levels):.1f} dB relative to the foci"
+            )
         return "\n".join(lines)
 
     def record(self) -> dict[str, Any]:
@@ -244,7 +253,8 @@ def focus_report(
     ValueError
         As `pressure`, or if a point is out of reach, or the grid is too coarse or has too many samples.
     """
-    medium, points = medium or Medium(), control_points(points)
+    check_array(array)
+    medium, points = as_medium(medium), control_points(points)
     check_reachable(array, points)
     relative = points.amplitudes / points.amplitudes.max()
     wanted = np.flatnonzero(relative > FAINT)

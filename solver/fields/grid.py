@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import check_positive
 from ..geometry import as_points, frozen, place
 
 __all__ = ["MAX_SAMPLES", "Grid"]
@@ -52,8 +53,7 @@ class Grid:
             raise ValueError(f"{len(self.axes)} axes and {len(self.counts)} counts: a grid has 2 or 3 of each")
         if np.abs(self.axes @ self.axes.T - np.eye(len(self.axes))).max() > 1e-6:
             raise ValueError(f"the axes {self.axes.tolist()} must be orthogonal and of length 1")
-        if not 0 < self.step < math.inf:
-            raise ValueError(f"step {step} m must be positive and finite")
+        check_positive(step, "step")
         if min(self.counts) < 1:
             raise ValueError(f"counts {self.counts} must be at least 1")
         if math.prod(self.counts) > MAX_SAMPLES:
@@ -81,7 +81,7 @@ class Grid:
         """
         if len(letters) not in KINDS or len(set(letters)) != len(letters) or set(letters) - set("xyz"):
             raise ValueError(f"axes {letters!r} must be two or all of x, y and z, each once, such as xy or xz")
-        extents = [extent] * len(letters) if isinstance(extent, (int, float)) else list(extent)
+        extents = [extent] * len(letters) if isinstance(extent, (int, float, str)) else list(extent)
         if len(extents) != len(letters):
             raise ValueError(f"{len(extents)} extents for the axes {letters!r}: one for each is needed")
         axes = np.eye(3)[["xyz".index(letter) for letter in letters]]
@@ -90,16 +90,14 @@ class Grid:
     @classmethod
     def horizontal(cls, height: float, extent: float, step: float) -> Grid:
         """A horizontal square at a height above the middle of the array; lengths in metres, as in `along`."""
-        if not 0 < height < math.inf:
-            raise ValueError(f"height {height} m must be positive and finite")
+        check_positive(height, "height")
         return cls.along("xy", (0.0, 0.0, height), extent, step)
 
     @classmethod
     def spanning(cls, centre: ArrayLike, axes: ArrayLike, extents: Sequence[float], step: float) -> Grid:
         """A grid along any axes, each with its extent in metres; otherwise as `along`."""
         for name, value in (*(("extent", extent) for extent in extents), ("step", step)):
-            if not 0 < value < math.inf:
-                raise ValueError(f"{name} {value} m must be positive and finite")
+            check_positive(value, name)
         if min(extents) / step < 2:
             kind = KINDS.get(len(extents), "grid")
             raise ValueError(f"a step of {step} m is too long for a {kind} of {min(extents)} m; at most half of it")

@@ -13,17 +13,35 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from .field import PlaneField
+from ..acoustics.medium import Medium
+from .grid import Grid
 from .quantities import check_reflection, radiation_pressure
 
-__all__ = ["Oil", "oil_surface"]
+__all__ = ["Oil", "PlaneLike", "oil_surface"]
 
 GRAVITY = 9.80665  # m/s²
+
+
+class PlaneLike(Protocol):
+    """A `PlaneField`, which draws itself by this module and cannot be imported here."""
+
+    @property
+    def grid(self) -> Grid:
+        """A plane."""
+
+    @property
+    def pressure(self) -> NDArray[np.complex128]:
+        """Peak pressure in Pa, of the grid's shape."""
+
+    @property
+    def medium(self) -> Medium:
+        """The air."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +106,7 @@ class Oil:
         return np.asarray(scipy.fft.idctn(-scipy.fft.dctn(push) / stiffness))
 
 
-def oil_surface(field: PlaneField, oil: Oil | None = None) -> NDArray[np.float64]:
+def oil_surface(field: PlaneLike, oil: Oil | None = None) -> NDArray[np.float64]:
     """Height of an oil surface in the plane of a field, (rows, columns) in metres, negative in dimples.
 
     Raises

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..acoustics.medium import Medium
+from ..acoustics.medium import Medium, as_medium
 
 __all__ = [
     "QUANTITIES",
@@ -37,34 +37,37 @@ def air_density(medium: Medium) -> float:
     return medium.ambient_pressure * MOLAR_MASS / (GAS_CONSTANT * (medium.temperature + 273.15))
 
 
-def intensity(pressure: ArrayLike, medium: Medium) -> NDArray[np.float64]:
+def intensity(pressure: ArrayLike, medium: Medium | None = None) -> NDArray[np.float64]:
     """Intensity of a plane wave, averaged over the carrier's period: I = |p|²/(2ρc).
 
     Parameters
     ----------
     pressure : (...) complex
         Peak pressure in Pa.
-    medium : Medium
-        The air.
+    medium : Medium, optional
+        The air; 20 °C by default.
 
     Returns
     -------
     (...) float
         In W/m².
     """
+    medium = as_medium(medium)
     magnitude = np.abs(np.asarray(pressure, dtype=np.complex128))
     return np.asarray(magnitude**2 / (2 * air_density(medium) * medium.speed_of_sound))
 
 
-def radiation_pressure(pressure: ArrayLike, medium: Medium, reflection: float = 2.0) -> NDArray[np.float64]:
+def radiation_pressure(
+    pressure: ArrayLike, medium: Medium | None = None, reflection: float = 2.0
+) -> NDArray[np.float64]:
     """Pressure with which a plane wave pushes a surface that it meets squarely: P = α·|p|²/(2ρc²).
 
     Parameters
     ----------
     pressure : (...) complex
         Peak pressure in Pa of the wave that arrives, without what the surface reflects.
-    medium : Medium
-        The air.
+    medium : Medium, optional
+        The air; 20 °C by default.
     reflection : float
         α, 1 + |R|² for a reflection of amplitude R: 2 for all of the wave, as skin, oil and other dense things do, and
         1 for none, in a perfect absorber.
@@ -87,6 +90,7 @@ def radiation_pressure(pressure: ArrayLike, medium: Medium, reflection: float = 
     same is written α·p²/(ρc²).
     """
     check_reflection(reflection)
+    medium = as_medium(medium)
     return reflection * intensity(pressure, medium) / medium.speed_of_sound
 
 

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...pictures import Drawable
-from ..acoustics.array import TransducerArray
-from ..acoustics.medium import Medium
+from ..acoustics.array import TransducerArray, check_array
+from ..acoustics.medium import Medium, as_medium
 from ..acoustics.propagation import Precision
 from ..contact.hand import Hand
 from ..contact.mesh import Mesh
 from ..contact.touch import Touch
-from ..geometry import frozen
+from ..geometry import counted, frozen
 from ..shapes.points import MAX_POINTS, ControlPoints
 from ..shapes.shapes import Shape
 from .methods import METHODS, options_of
@@ -54,11 +54,11 @@ class Solution(Drawable):
     method: str
 
     def __repr__(self) -> str:
-        return f"Solution({self.method}, {len(self.drive)} drives for {len(self.points)} points)"
+        return f"Solution({self.method}, {len(self.drive)} drives for {counted(len(self.points), 'point')})"
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the drives: the colour of a dot is the phase, its area the magnitude."""
-        return self.array.plot(ax, drive=self.drive)
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Draw the drives, as `TransducerArray.plot` does."""
+        return self.array.plot(ax, drive=self.drive, **style)
 
 
 class Solver:
@@ -109,7 +109,8 @@ class Solver:
     ) -> None:
         if precision not in get_args(Precision):
             raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
-        self.array, self.method, self.medium = array, method, medium or Medium()
+        check_array(array)
+        self.array, self.method, self.medium = array, method, as_medium(medium)
         self.options = options_of(method, options)
         self._engine = engine_for(self.array, self.medium, method, self.options, precision)
 
@@ -199,7 +200,8 @@ def solve_frames(
     ValueError
         As `Solver` and `Solver.solve`, naming the frame; or if there is less than one worker.
     """
-    wanted, settings, air = [control_points(frame) for frame in frames], options_of(method, options), medium or Medium()
+    check_array(array)
+    wanted, settings, air = [control_points(frame) for frame in frames], options_of(method, options), as_medium(medium)
     if workers < 1:
         raise ValueError(f"workers {workers} must be at least 1")
     drives = np.empty((len(wanted), len(array)), dtype=np.complex64)
@@ -216,12 +218,21 @@ def solve_frames(
 
 def control_points(wanted: Wanted) -> ControlPoints:
     """The control points of what is wanted; raises `ValueError` if it has none, and says what has."""
+    if isinstance(wanted, str):
+        raise ValueError(
+            f"control points must be a shape or (m, 3) numbers, not {wanted!r}; parse_shape({wanted!r}) makes a "
+            "shape, and read_points reads a file"
+        )
+    if isinstance(wanted, (list, tuple)) and any(isinstance(part, (Shape, type)) for part in wanted):
+        raise ValueError("several shapes are one if they are added, as in Circle() + Star(), or sum(shapes)")
     if isinstance(wanted, ControlPoints):
         return wanted
     if isinstance(wanted, (Hand, Mesh)):
         raise ValueError(f"a {type(wanted).__name__} has no control points; touch(hand, mesh).points has")
     if isinstance(wanted, type):
         raise ValueError(f"{wanted.__name__} is a class; {wanted.__name__}() makes one")
+    if isinstance(wanted, TransducerArray):
+        raise ValueError("a TransducerArray has no control points; it is the first argument, and they are the next")
     if isinstance(wanted, Touch):
         raise ValueError("a Touch is solved by its points and their identities: solver.solve(touch.points, touch.ids)")
     return wanted.sample() if isinstance(wanted, Shape) else ControlPoints(wanted)

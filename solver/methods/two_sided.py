@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...pictures import Drawable
-from ..acoustics.array import TransducerArray
-from ..acoustics.medium import Medium
+from ..acoustics.array import TransducerArray, check_array
+from ..acoustics.medium import Medium, as_medium
 from ..acoustics.propagation import Precision, pressure
 from ..geometry import frozen
 from ..shapes.points import ControlPoints
@@ -89,9 +89,9 @@ class TwoSided(Drawable):
     def __repr__(self) -> str:
         return f"TwoSided({self.method}, {self.split}, {self.frequency:g} Hz)"
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Draw the points, each half in its colour; nulls, which are in both, are in the second."""
-        return self.points.plot(ax, second=~self.split.mask)
+        return self.points.plot(ax, second=~self.split.mask, **style)
 
     @property
     def split(self) -> Split:
@@ -190,7 +190,8 @@ class TwoSidedSolver:
         precision: Precision = "single",
         **options: Any,
     ) -> None:
-        self._array, self._method, self._medium = array, method, medium or Medium()
+        check_array(array)
+        self._array, self._method, self._medium = array, method, as_medium(medium)
         check_frequency(frequency, 2, self._medium.frequency)
         self._frequency, self._options = frequency, MappingProxyType(options)
         self._engine = pair_engine(array, self._medium, method, options_of(method, options), precision)

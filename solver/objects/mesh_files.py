@@ -125,16 +125,16 @@ def _unit_trouble(extents: NDArray[np.float64]) -> str:
 def _parsed(data: bytes, kind: str) -> tuple[NDArray[Any], NDArray[Any]]:
     """Vertices and faces of all parts of a file, each in its place."""
     with needing("meshes", f"reading {kind.upper()}"):
-        import trimesh  # takes half a second
+        from trimesh import Trimesh, load_scene  # takes half a second
 
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else Python prints what it logs, with tracebacks
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
-        scene = trimesh.load_scene(BytesIO(data), file_type=kind, process=False, skip_materials=True)
+        scene = load_scene(BytesIO(data), file_type=kind, process=False, skip_materials=True)
         parts = [(name, *scene.graph[name]) for name in scene.graph.nodes_geometry]
         meshes = [(scene.geometry[geometry], place) for _, place, geometry in parts]
-        meshes = [(mesh, place) for mesh, place in meshes if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+        meshes = [(mesh, place) for mesh, place in meshes if isinstance(mesh, Trimesh) and len(mesh.faces)]
         if (total := sum(len(mesh.faces) for mesh, _ in meshes)) > MOST_FACES:
             raise ValueError(f"its parts have {total} faces together; at most {MOST_FACES} are possible: simplify it")
         return _joined(meshes)

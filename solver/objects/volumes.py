@@ -1,7 +1,7 @@
 """Objects in volumes, such as those of computed tomography: the surface around all that is denser than a level.
 
 NumPy arrays (NPY, NPZ), NIfTI files by nibabel and folders of DICOM slices by pydicom; marching cubes of scikit-image.
-All three come with ``pip install 'phasewire[volumes]'``.
+All three come with the extra ``volumes``.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputFileError
+from ...extras import install_command
 from ...storage import FilePath, read_file
 from ..archives import read_array, read_arrays
 from ..contact.mesh import MOST_FACES, Mesh
@@ -194,7 +195,7 @@ def _needed(path: Path, module: str, package: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        message = f"{path}: {package} is needed for this, and is not installed: pip install 'phasewire[volumes]'"
+        message = f"{path}: {package} is needed for this, and is not installed: {install_command('volumes')}"
         raise InputFileError(message) from error
 
 

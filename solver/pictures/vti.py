@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...storage import FilePath, replacing
+from ..arguments import instance_of
 from ..fields.field import Field, PlaneField, VolumeField
 from ..fields.quantities import intensity, radiation_pressure
 
@@ -37,7 +38,7 @@ def save_vti(path: FilePath, field: PlaneField | VolumeField) -> None:
     and imaginary part in Pa, the intensity in W/m² and the radiation pressure for full reflection in Pa, both averaged
     over the carrier's period.
     """
-    grid = field.grid
+    grid = instance_of(field, Field, "field", "as in save_vti(path, field)").grid
     counts = [*grid.counts, *[1] * (3 - len(grid.counts))]
     axes = grid.axes if len(grid.axes) == 3 else np.vstack([grid.axes, grid.normal])
     origin = grid.centre + [grid.offsets(axis)[0] for axis in range(len(grid.counts))] @ grid.axes

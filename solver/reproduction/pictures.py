@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...pictures import new_figure, printed
+from ..fields.drawing import draw_oil
 from ..fields.field import PlaneField
-from ..pictures.picture import draw_oil
 from .figures import SHAPES_OF_FIGURE_6, TECHNIQUES, AtHeight, Figure4, Rendering, Timing
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from typing import Any
 
 from ...errors import InputFileError
-from ..geometry import FARTHEST
+from ..arguments import check_number
+from ..geometry import FARTHEST, WIDEST
 
 __all__ = ["READERS", "check", "read_parameters", "written"]
 
@@ -29,16 +30,21 @@ UNITS = {
 
 
 def check(thing: Any, positive: tuple[str, ...] = ()) -> None:
-    """Raise `ValueError` if a float of a dataclass is larger than its unit allows, or not positive but must be."""
+    """Raise `ValueError` if a float of a dataclass is no number, larger than its unit allows, or must be positive.
+
+    What must be positive is a size of a shape, at most `WIDEST`.
+    """
     for field in dataclasses.fields(thing):
         if field.type != "float":
             continue
         value = getattr(thing, field.name)
-        unit, _, largest = UNITS.get(field.name, LENGTH)
-        if not abs(value) <= largest or (field.name in positive and value <= 0):
-            rule = "positive and at most" if field.name in positive else "at most"
-            name = f"{type(thing).__name__.lower()} {field.name}"
-            raise ValueError(f"{name} {value} {unit} must be {rule} {largest:g} {unit}")
+        unit, units, largest = UNITS.get(field.name, LENGTH)
+        name = f"{type(thing).__name__.lower()} {field.name}"
+        check_number(value, name, units)
+        if field.name in positive and not 0 < value <= WIDEST:
+            raise ValueError(f"{name} {value} m must be positive and at most {WIDEST:g} m; lengths are in metres")
+        if not abs(value) <= largest:
+            raise ValueError(f"{name} {value} {unit} must be at most {largest:g} {unit}")
 
 
 def written(kind: type[Any]) -> str:

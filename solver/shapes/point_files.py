@@ -22,8 +22,8 @@ FORMS = ("x,y,z", "x,y,z,amplitude")
 def read_points(path: FilePath) -> ControlPoints:
     """Read control points from a CSV, JSON or plain text file, by the suffix of its name.
 
-    CSV: a line per point, ``x,y,z`` or ``x,y,z,amplitude`` in metres; a first line without any number is taken for
-    names, and empty lines and those that begin with ``#`` are skipped.
+    CSV: a line per point, ``x,y,z`` or ``x,y,z,amplitude`` in metres; a first line with these names may put the columns
+    in any order, and empty lines and those that begin with ``#`` are skipped.
     Plain text (``.txt``, ``.xyz``): the same with white space between the numbers; what follows a ``#`` is skipped.
     JSON: ``{"positions": [[x, y, z], …], "amplitudes": […]}``; the amplitudes are optional.
 

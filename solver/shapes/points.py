@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...pictures import MM, Drawable, axes_or_new
 from ..acoustics.array import TransducerArray
-from ..geometry import Scalable, as_points, extent, frozen, place
+from ..geometry import Scalable, as_points, counted, extent, frozen, place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,7 +70,7 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
         object.__setattr__(self, "amplitudes", frozen(values))
 
     def __repr__(self) -> str:
-        return f"ControlPoints({len(self)} points, {extent(self.positions)} about {place(self.centre)})"
+        return f"ControlPoints({counted(len(self), 'point')}, {extent(self.positions)} about {place(self.centre)})"
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -82,6 +82,10 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
         return ControlPoints(
             np.concatenate([self.positions, other.positions]), np.concatenate([self.amplitudes, other.amplitudes])
         )
+
+    def __radd__(self, other: int) -> ControlPoints:
+        """These points; ``sum`` begins with 0."""
+        return self if isinstance(other, int) and other == 0 else NotImplemented
 
     def sample(self, spacing: float | None = None) -> ControlPoints:  # noqa: ARG002  # there is no line to cut
         """These points, so that they are a shape too."""
@@ -96,7 +100,7 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
         """The points x at ``matrix @ x + offset``, with their amplitudes; `moved`, `rotated` and `scaled` use it."""
         return ControlPoints(self.positions @ matrix.T + offset, self.amplitudes)
 
-    def plot(self, ax: Axes | None = None, *, second: NDArray[np.bool_] | None = None) -> Axes:
+    def plot(self, ax: Axes | None = None, *, second: NDArray[np.bool_] | None = None, **style: Any) -> Axes:
         """Draw them along the two axes on which they extend most; areas show amplitudes, and crosses are nulls.
 
         Parameters
@@ -104,24 +108,35 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
         ax : matplotlib axes, optional
             To draw onto; by default those of a new figure of pyplot.
         second : (m,) bool, optional
-            Those to be drawn in a second colour.
+            Those of a second half, to be drawn in a second colour.
+        **style
+            A ``title``, and options of matplotlib's ``scatter``.
         """
         axes = axes_or_new(ax)
         across, up = sorted(np.argsort(-np.ptp(self.positions, axis=0), kind="stable")[:2])
         sizes = 40 * self.amplitudes / self.amplitudes.max()
-        later = np.zeros(len(self), np.bool_) if second is None else second
-        for colour, drawn in (("C0", ~later), ("C1", later)):
+        later, title = np.zeros(len(self), np.bool_) if second is None else second, style.pop("title", None)
+        for name, colour, drawn in (("first half", "C0", ~later), ("second half", "C1", later)):
             for marker, of in (("o", drawn & (self.amplitudes > 0)), ("x", drawn & (self.amplitudes == 0))):
                 if of.any():
                     x, y = self.positions[of][:, [across, up]].T * MM
-                    axes.scatter(x, y, s=sizes[of] if marker == "o" else 40, c=colour, marker=marker)
+                    size = sizes[of] if marker == "o" else 40
+                    look: dict[str, Any] = {
+                        "s": size,
+                        "color": colour,
+                        "marker": marker,
+                        "label": name if marker == "o" else None,
+                    }
+                    axes.scatter(x, y, **look | style)
+        if second is not None:
+            axes.legend(fontsize="small")
         rest = 3 - across - up
         low, high = (
             float(bound) * MM + 0.0 for bound in (self.positions[:, rest].min(), self.positions[:, rest].max())
         )
         where = f"{low:.4g} mm" if high - low < LEVEL_MM else f"{low:.4g} to {high:.4g} mm"
         axes.set(
-            title=f"{len(self)} control points at {'xyz'[rest]} = {where}",
+            title=f"{counted(len(self), 'control point')} at {'xyz'[rest]} = {where}" if title is None else title,
             xlabel=f"{'xyz'[across]} / mm",
             ylabel=f"{'xyz'[up]} / mm",
         )

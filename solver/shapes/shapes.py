@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputFileError
 from ...pictures import Drawable
-from ..geometry import Scalable, as_points
+from ..geometry import Scalable, as_points, counted
 from .curves import SPACING, Curve, chain, even_spacing, ring, sample_curves, without_coincidences
 from .notation import READERS, check, read_parameters, written
 from .point_files import POINT_FILES, read_points
@@ -96,9 +96,9 @@ class Drawn(Scalable["Drawing"], Drawable):
 
     count: ClassVar[int | None] = None
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Draw its control points, as `ControlPoints.plot` does."""
-        return self.sample().plot(ax)
+        return self.sample().plot(ax, **style)
 
     @abstractmethod
     def curves(self) -> tuple[Curve, ...]:
@@ -138,8 +138,11 @@ class Drawn(Scalable["Drawing"], Drawable):
         """A shape of both: this one's points come first."""
         return Drawing(self.parts + _parts(other)) if isinstance(other, (Drawn, ControlPoints)) else NotImplemented
 
-    def __radd__(self, other: ControlPoints) -> Drawing:
-        return Drawing(_parts(other) + self.parts) if isinstance(other, ControlPoints) else NotImplemented
+    def __radd__(self, other: ControlPoints | int) -> Drawn:
+        """A shape of both; ``sum`` begins with 0."""
+        if isinstance(other, ControlPoints):
+            return Drawing(_parts(other) + self.parts)
+        return self if isinstance(other, int) and other == 0 else NotImplemented
 
 
 def _parts(shape: Drawn | ControlPoints) -> tuple[Strokes | ControlPoints, ...]:
@@ -161,7 +164,7 @@ class Drawing(Drawn):
         self._parts = parts
 
     def __repr__(self) -> str:
-        return f"Drawing({len(self.sample())} points)"
+        return f"Drawing({counted(len(self.sample()), 'point')})"
 
     @property
     def parts(self) -> tuple[Strokes | ControlPoints, ...]:

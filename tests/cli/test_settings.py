@@ -91,7 +91,7 @@ WRONG = [
     ('[solve]\nset = ["a", 3]', '[solve] set = ["a", 3]: must be text, in quotes'),
     ("[emulate]\ncount = 2000-01-01", "[emulate] count = "),
     ("[show", "is no TOML file: "),
-    ("\xff", "is no TOML file: "),  # no UTF-8
+    ("\xff", "is no text in UTF-8: "),
     ("a = 1\na = 2", "is no TOML file: "),
 ]
 

@@ -52,7 +52,7 @@ def test_linux_has_no_complaint_of_the_reference_device(reference: Bench, guest:
 
 
 def test_the_reference_device_gets_new_firmware(reference: Bench, guest: Guest) -> None:
-    """By `phasewire flash` through the kernel: it leaves the bus, comes back in DFU mode, and boots what it was given."""
+    """By `phasewire flash` through the kernel: it leaves the bus, comes back in DFU mode, and boots the new image."""
     assert firmware(reference) == "0100"
     image = guest.share("new.dfu", FILE)
     assert "2.3.4" in reference.check("phasewire", "flash", image, "--device", "usb:", seconds=SLOW)

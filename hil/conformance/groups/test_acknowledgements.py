@@ -278,7 +278,9 @@ def packets(bench: Bench, records: int) -> list[bytes]:
 
 def leave_unread(bench: Bench, bodies: Sequence[Body]) -> None:
     """Send blocks and read nothing."""
-    data = b"".join(blocks_of(bench, bodies))
+    blocks = blocks_of(bench, bodies)
+    bench.note_blocks(blocks)
+    data = b"".join(blocks)
     expect("bytes taken", bench.usb.write(ENDPOINT_OUT, data, PATIENCE_SECONDS), len(data))
     bench.outlast(0.01)
 

@@ -33,7 +33,17 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import REQUEST_TYPE_OUT, Action, Fault, Feature, FrameKind, Reason, Request, State
+from phasewire.protocol.codes import (
+    BLOCK_BYTES,
+    REQUEST_TYPE_OUT,
+    Action,
+    Fault,
+    Feature,
+    FrameKind,
+    Reason,
+    Request,
+    State,
+)
 from phasewire.protocol.replies import Status, records
 from phasewire.protocol.requests import Setup
 
@@ -521,8 +531,9 @@ def test_what_is_told_unasked_comes_behind_the_acknowledgements_that_wait(bench:
     bench.must(Entries((Entry(0, 2000),)))
     told(bench)
     bodies = (PlaySequence(0, 1, repeats=1), NoOp(), NoOp())
-    blocks = b"".join(pack(bench.numbered(body)) for body in bodies)
-    expect("the bytes that the device took", bench.line.send_blocks(blocks, 1), len(blocks))
+    blocks = [pack(bench.numbered(body)) for body in bodies]
+    bench.note_blocks(blocks)
+    expect("the bytes that the device took", bench.line.send_blocks(b"".join(blocks), 1), BLOCK_BYTES * len(blocks))
     bench.order(Request.WATCHDOG, 100)
     bench.outlast(0.15)
     came = bench.listen()

@@ -251,6 +251,8 @@ class RawSerialLine:
         Everything since `forget`: text, frames, defects of other frames, modes that began.
     damaged : list of FrameError
         Defects of frames since `enter_frames`; a frame for devices counts as one.
+    noted : callable or None
+        Receives, with a label for each direction, the bytes that are sent and received.
     """
 
     kind: LineKind = "serial"
@@ -259,6 +261,7 @@ class RawSerialLine:
         self.wire = wire
         self.events: list[LineEvent] = []
         self.damaged: list[FrameError] = []
+        self.noted: Callable[[str, bytes], None] | None = None
         self._incoming = LineReader()
         self._given = 0
         self._tag = 0
@@ -301,11 +304,15 @@ class RawSerialLine:
 
     def write(self, data: bytes) -> None:
         """Send bytes unchanged."""
+        if self.noted is not None:
+            self.noted("to the serial line", data)
         self.wire.write(data)
 
     def _hear(self, seconds: float) -> bytes:
         """Take the next data, as bytes and as events."""
         data = self.wire.read(seconds)
+        if data and self.noted is not None:
+            self.noted("from the serial line", data)
         came = self._incoming.feed(data)
         self.events += came
         for event in came:

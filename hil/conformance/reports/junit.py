@@ -1,18 +1,18 @@
 """A run as JUnit XML, as CI systems read it.
 
 Each group is a suite and each case a test. A case that could not be judged, does not apply, or fails as known is
-skipped with the reason. JUnit has no warning: such a case passes, and its output says so. Trouble of the run itself is
-an error in a suite of its own.
+skipped with the reason. JUnit has no warning: such a case passes, and its output says so. A failure ends with its
+newest evidence; the output of every case has all of it. Trouble of the run itself is an error in a suite of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from xml.etree.ElementTree import Element, indent, tostring
 
-from ..verdicts import Provenance, Result, Run
+from ..verdicts import Evidence, Provenance, Result, Run
 from .markup import element
-from .summary import Standing, groups, provenance_rows, standing, verdict_line, why
+from .summary import MOST_EVIDENCE, Standing, abridged, groups, provenance_rows, standing, verdict_line, why
 
 __all__ = ["junit"]
 
@@ -52,7 +52,8 @@ def _case(result: Result) -> Element:
     about = [("verdict", result.verdict.value), *(("clause", clause) for clause in result.clauses)]
     parts = [_properties(about)]
     if kind is Standing.FAIL:
-        parts.append(element("failure", f"{result.sentence}\n{why(result)}", message=why(result), type=kind.value))
+        told = [result.sentence, why(result), *_lines(map(abridged, result.evidence[-MOST_EVIDENCE:]))]
+        parts.append(element("failure", "\n".join(told), message=why(result), type=kind.value))
     elif kind is Standing.UNEXPECTED_PASS:
         message = f"expected to fail, and did not: {result.known}"
         parts.append(element("failure", result.sentence, message=message, type=kind.value))
@@ -60,12 +61,16 @@ def _case(result: Result) -> Element:
         parts.append(element("skipped", message=f"{kind.value}: {result.known}; {why(result)}"))
     elif kind in SKIPPED:
         parts.append(element("skipped", message=f"{kind.value}: {result.reason}"))
-    output = [result.sentence, *(f"{item.label}: {item.text}" for item in result.evidence)]
+    output = [result.sentence, *_lines(result.evidence)]
     if kind is Standing.WARN:
         output.insert(0, f"{kind.value}: {result.reason}")
     parts.append(element("system-out", "\n".join(output)))
     _, _, name = result.case.partition("/")
     return element("testcase", *parts, classname=result.group, name=name, time=_seconds([result]))
+
+
+def _lines(evidence: Iterable[Evidence]) -> Iterator[str]:
+    return (f"{item.label}: {item.text}" for item in evidence)
 
 
 def _trouble(troubles: Sequence[str]) -> Element:

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 from hashlib import sha256
-from itertools import groupby
+from itertools import accumulate, groupby
 from urllib.parse import quote
 from xml.etree.ElementTree import Element, tostring
 
@@ -22,6 +23,7 @@ from .style import LIGHT, STYLE
 from .summary import (
     RunOutcome,
     Standing,
+    abridged,
     by_reason,
     groups,
     outcome,
@@ -50,6 +52,12 @@ MARKS = {
 }
 ICONS = {"fail": "M5 5 11 11M11 5 5 11", "open": "M4 8H12", "pass": "M4 8.5 7 11.5 12 5"}
 """Strokes of a cross, a dash and a check mark, in a square of 16."""
+FINDINGS_BYTES = 250_000
+"""All findings share this equally, so that the page stays below 1 MB: clauses and cases take 0.7 MB. JSON holds all."""
+WORDS_BYTES, ROW_BYTES = 700, 40
+"""The size of a finding without its evidence, and of a piece of evidence without its words."""
+LEAST_CHARACTERS = 100
+"""The text of a piece of evidence, however little room there is."""
 FINDINGS = {Standing.FAIL, Standing.UNEXPECTED_PASS, Standing.WARN, Standing.KNOWN_FAILURE}
 """Results that are told with their evidence."""
 ROLL_UP = (
@@ -126,10 +134,12 @@ def _sections(run: Run, matrix: Matrix) -> Iterator[Element | None]:
     yield _section("provenance", "Provenance", element("dl", *rows))
     yield _section("counts", "Counts", _scrolling(_counts(run)))
     yield _listed("trouble", "Trouble of the run itself", (element("li", text) for text in run.trouble))
-    yield _listed("broke", "What broke", map(_finding, told[Standing.FAIL] + told[Standing.UNEXPECTED_PASS]))
-    yield _listed("warnings", "Warnings", map(_finding, told[Standing.WARN]))
+    room = FINDINGS_BYTES // max(1, sum(len(told[kind]) for kind in FINDINGS)) - WORDS_BYTES
+    finding = partial(_finding, room=room)
+    yield _listed("broke", "What broke", map(finding, told[Standing.FAIL] + told[Standing.UNEXPECTED_PASS]))
+    yield _listed("warnings", "Warnings", map(finding, told[Standing.WARN]))
     yield _listed("inconclusive", "What could not be judged here", _reasons(told[Standing.INCONCLUSIVE]))
-    yield _listed("known", "What failed as known", map(_finding, told[Standing.KNOWN_FAILURE]))
+    yield _listed("known", "What failed as known", map(finding, told[Standing.KNOWN_FAILURE]))
     yield _listed("not-applicable", "What did not apply", _reasons(told[Standing.NOT_APPLICABLE]))
     results = {result.case: result for result in run.results}
     yield _section(
@@ -159,21 +169,21 @@ def _badge(kind: Standing) -> Element:
 
 
 def _place(case: str) -> str:
-    """The anchor of a case in the page."""
-    return quote(case)
+    """The anchor of a case in the page: short, because a case is named in many places, and the same in each run."""
+    return sha256(case.encode()).hexdigest()[:10]
 
 
 def _link(result: Result, text: str = "") -> Element:
     return element("a", text or result.case, href=f"#{_place(result.case)}")
 
 
-def _finding(result: Result) -> Element:
-    """A result that needs attention, with its evidence; open if it broke."""
+def _finding(result: Result, room: int) -> Element:
+    """A result that needs attention, with as much of its evidence as there is room for; open if it broke."""
     shown = element("li", _badge(standing(result)), f" {result.case}", *_about(result))
     shown.attrib |= {"id": _place(result.case), "data-kind": standing(result).value}
     if result.evidence:
         opened = {"open": ""} if result.breaks else {}
-        shown.append(element("details", element("summary", "Evidence"), _evidence(result.evidence), **opened))
+        shown.append(element("details", element("summary", "Evidence"), _evidence(result.evidence, room), **opened))
     return shown
 
 
@@ -195,8 +205,14 @@ def _clauses(result: Result) -> list[Element]:
     return links
 
 
-def _evidence(evidence: tuple[Evidence, ...]) -> Element:
-    rows = (element("div", element("dt", item.label), element("dd", item.text)) for item in evidence)
+def _evidence(evidence: tuple[Evidence, ...], room: int) -> Element:
+    """The newest pieces of evidence for which there is room, each with at most an eighth of it."""
+    shown = [abridged(item, max(room // 8, LEAST_CHARACTERS)) for item in evidence]
+    sizes = accumulate(ROW_BYTES + len(item.label) + len(item.text) for item in reversed(shown))
+    left = len(shown) - max(1, sum(size <= room for size in sizes))
+    if left:
+        shown[:left] = [Evidence("…", f"and {left} before these, in --json")]
+    rows = (element("div", element("dt", item.label), element("dd", item.text)) for item in shown)
     return element("dl", *rows, class_="evidence")
 
 

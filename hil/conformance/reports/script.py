@@ -13,16 +13,19 @@ const items = [...document.querySelectorAll("[data-kind]")].map(item => ({
 const parents = [...document.querySelectorAll("section, .cases, #clauses details")]
   .map(parent => [parent, [...parent.querySelectorAll("[data-kind]")]])
   .filter(([, inside]) => inside.length);
+const about = document.querySelectorAll("#provenance, #counts");
 const cases = [...document.querySelectorAll("#cases [data-kind]")];
 
 function filter() {
-  const wanted = words.value.toLowerCase().split(/\\s+/).filter(Boolean), searching = wanted.length || kind.value;
+  const wanted = words.value.toLowerCase().split(/\\s+/).filter(Boolean);
+  const searching = Boolean(wanted.length || kind.value);
   for (const { item, text } of items)
     item.hidden = Boolean(kind.value && item.dataset.kind != kind.value) || !wanted.every(word => text.includes(word));
   for (const [parent, inside] of parents) {
     parent.hidden = inside.every(item => item.hidden);
     if (parent.tagName == "DETAILS") parent.open = searching && !parent.hidden;
   }
+  for (const part of about) part.hidden = searching;
   told.value = searching ? `${cases.filter(item => !item.hidden).length} of ${cases.length} cases` : "";
 }
 

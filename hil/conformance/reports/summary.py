@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from enum import StrEnum
 
-from ..verdicts import Provenance, Result, Run, Verdict
+from ..verdicts import Evidence, Provenance, Result, Run, Verdict
 
 __all__ = [
     "RunOutcome",
     "Standing",
+    "abridged",
     "by_reason",
     "groups",
     "outcome",
@@ -22,6 +24,8 @@ __all__ = [
 ]
 
 
+MOST_EVIDENCE, MOST_CHARACTERS = 8, 400
+"""Pieces of evidence, and characters of each, in a report that is read line by line; JSON holds all."""
 ONCE_OF_TWICE = "failed 1 of 2"
 _NUMBER = re.compile(r"\d[\d.,]*")
 
@@ -105,6 +109,12 @@ def _cases(number: int) -> str:
 def why(result: Result) -> str:
     """The reason of a case's verdict and, for a failure, how often it failed."""
     return ": ".join(filter(None, (result.tally, result.reason)))
+
+
+def abridged(item: Evidence, most: int = MOST_CHARACTERS) -> Evidence:
+    """A piece of evidence, of which a long text is cut and says so."""
+    text = item.text
+    return item if len(text) <= most else replace(item, text=f"{text[:most]}… ({len(text)} characters)")
 
 
 def groups(run: Run) -> dict[str, list[Result]]:

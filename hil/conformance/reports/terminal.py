@@ -21,8 +21,10 @@ from ..plugin import Watcher
 from ..verdicts import Evidence, Result, Run, Verdict
 from .markup import legible
 from .summary import (
+    MOST_EVIDENCE,
     RunOutcome,
     Standing,
+    abridged,
     by_reason,
     groups,
     outcome,
@@ -35,9 +37,6 @@ from .summary import (
 __all__ = ["LiveLine", "StatusLine", "print_run"]
 
 INDENT = 4
-MOST_EVIDENCE = 8
-MOST_CHARACTERS = 400
-"""Lines of one piece of evidence; the other reports hold all of it."""
 STYLES = {
     Standing.FAIL: "bold red",
     Standing.UNEXPECTED_PASS: "bold red",
@@ -191,16 +190,13 @@ def _print_whole(out: Console, result: Result) -> None:
         _print_indented(out, Text(legible(why(result)), "bold"))
     _print_indented(out, Text(f"shows {', '.join(map(legible, result.clauses))}", "dim"))
     if (left := len(result.evidence) - MOST_EVIDENCE) > 0:
-        _print_indented(out, Text(f"… and {left} before these, in --html and --json", "dim"))
+        _print_indented(out, Text(f"… and {left} before these, in --json", "dim"))
     for item in result.evidence[-MOST_EVIDENCE:]:
         _print_indented(out, _evidence(item))
 
 
 def _evidence(item: Evidence) -> Text:
-    text = legible(item.text)
-    if len(text) > MOST_CHARACTERS:
-        text = f"{text[:MOST_CHARACTERS]}… ({len(text)} characters)"
-    return Text.assemble((f"{legible(item.label)}: ", "cyan"), text)
+    return Text.assemble((f"{legible(item.label)}: ", "cyan"), legible(abridged(item).text))
 
 
 def _print_reasons(out: Console, heading: str, results: Iterable[Result]) -> None:

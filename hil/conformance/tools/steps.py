@@ -184,7 +184,9 @@ def refuse(bench: Bench, blocks: Sequence[Wrong]) -> None:
     acks = bench.send_raw(*(wrong.block for wrong in blocks))
     after = bench.status()
     time = before.now
-    for (what, _, reason), ack in zip(blocks, acks, strict=True):
+    for (what, block, reason), ack in zip(blocks, acks, strict=True):
+        if ack.reason is not reason:
+            bench.note(f"block with {what}", block)
         expect(f"the reason for {what}", ack.reason, reason)
         expect(f"commit_period for {what}", ack.commit_period, 0)
         expect(f"flags for {what}", ack.flags, AckFlag(0))
@@ -255,6 +257,7 @@ def raw_records(bench: Bench, blocks: Sequence[bytes], seconds: float = 10.0) ->
 
     Waits until there is one record for each block.
     """
+    bench.note_blocks(blocks)
     found = b""
     data, sent = b"".join(blocks), 0
     end = bench.line.time.monotonic() + seconds + len(blocks) / 10
