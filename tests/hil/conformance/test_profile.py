@@ -122,7 +122,7 @@ def test_what_is_wrong_is_named_with_the_file(file: Path, text: str, complaint: 
 
 def test_a_file_in_another_encoding_is_no_toml(file: Path) -> None:
     file.write_bytes('name = "Gerät"'.encode("latin-1"))
-    with pytest.raises(InputFileError, match="is no TOML file"):
+    with pytest.raises(InputFileError, match="is no text in UTF-8"):
         read_profile(file)
 
 
