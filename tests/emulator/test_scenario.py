@@ -113,7 +113,7 @@ def test_two_runs_of_a_scenario_are_alike(tmp_path: Path) -> None:
         ("fault = [3]", ", fault 1: 3 is no table"),
         ("seed = 3", ": unknown 'seed'; a scenario holds nothing but [[fault]] entries"),
         ("[[fault", " is no TOML file: Expected ']]'"),
-        ("# \xff", " is no TOML file: 'utf-8' codec can't decode"),
+        ("# \xff", " is no text in UTF-8: 'utf-8' codec can't decode"),
     ],
 )
 def test_an_error_names_what_is_wrong_with_a_file(tmp_path: Path, text: str, complaint: str) -> None:
