@@ -122,12 +122,19 @@ def open_plain(path: FilePath) -> BinaryIO:
 
 
 class _InPieces(FileIO):
-    """A file that returns at most `MOST_AT_ONCE` at once, whatever sizes an archive in it claims."""
+    """A file that returns at most `MOST_AT_ONCE` at once, whatever sizes an archive in it claims.
+
+    Of a member that stands undeflated zipfile then asks for the rest; of a directory it would not, so that this raises.
+    """
+
+    directory_is_read = False
 
     def read(self, size: int | None = -1, /) -> bytes:
-        if size is not None and size > MOST_AT_ONCE:
+        if size is None or size <= MOST_AT_ONCE:
+            return super().read(size)
+        if not self.directory_is_read:
             raise BadZipFile(f"a part of {size} bytes is too large")
-        return super().read(size)
+        return super().read(MOST_AT_ONCE)
 
 
 @contextmanager
@@ -149,7 +156,8 @@ def open_zip(path: FilePath, otherwise: str) -> Iterator[ZipFile]:
         If it cannot be opened.
     """
     try:
-        with open_plain(path) as file, ZipFile(_InPieces(file.fileno(), closefd=False)) as archive:
+        with open_plain(path) as file, ZipFile(pieces := _InPieces(file.fileno(), closefd=False)) as archive:
+            pieces.directory_is_read = True
             for member in archive.infolist():
                 if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):  # zipfile unpacks others without a bound
                     raise BadZipFile(f"{member.filename} is packed by method {member.compress_type}")

@@ -4,6 +4,7 @@ import os
 import stat
 from collections.abc import Callable
 from pathlib import Path
+from zipfile import ZipFile
 
 import phasewire as pw
 import pytest
@@ -11,7 +12,7 @@ from phasewire.emulator.firmware.flash import Flash
 from phasewire.emulator.ports.export import export
 from phasewire.host.hands.recording import HandRecorder
 from phasewire.host.touching.log import TouchLog
-from phasewire.storage import check_outputs, replacing
+from phasewire.storage import check_outputs, open_zip, replacing
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
@@ -22,6 +23,15 @@ def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
         assert target.read_text() == "old"
     assert target.read_text() == "new"
     assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_member_that_stands_undeflated_is_read_in_pieces(tmp_path: Path) -> None:
+    """However much is asked for at once, such as a recording's samples of some periods."""
+    data = bytes(range(256)) * 40_000  # 10 MB
+    with ZipFile(tmp_path / "run.sr", "w") as archive:
+        archive.writestr("logic-1-1", data)
+    with open_zip(tmp_path / "run.sr", "damaged") as archive, archive.open("logic-1-1") as member:
+        assert member.read(5_000_000) + member.read(5_240_000) == data
 
 
 def test_a_failure_leaves_the_old_file_alone(tmp_path: Path) -> None:

@@ -16,7 +16,15 @@ from phasewire.hil.conformance.tools.dfu import RawDfuLine
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.player import check_in_time, soon
 from phasewire.hil.conformance.tools.playing import play, start, told
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, let_stores_go, require, suspended
+from phasewire.hil.conformance.tools.steps import (
+    LONG_MS,
+    MOST_ENTRY_PERIODS,
+    SILENT,
+    enable,
+    let_stores_go,
+    require,
+    suspended,
+)
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
@@ -231,7 +239,8 @@ def test_a_change_in_the_period_in_which_a_sequence_ends_is_the_only_event(
 def test_the_watchdog_starts_in_the_period_in_which_an_update_follows_an_unattended_sequence(bench: Bench) -> None:
     """The watchdog counts from the period in which an UPDATE replaces an unattended sequence at its end."""
     ms = patience(bench)
-    begins, ends = follow_sequence(bench, FOLLOWERS["update"][0], 4 * ms * PERIODS_PER_MS, unattended=True)
+    longest = min(4 * ms * PERIODS_PER_MS, MOST_ENTRY_PERIODS)
+    begins, ends = follow_sequence(bench, FOLLOWERS["update"][0], longest, unattended=True)
     bench.wait_until(begins + 1)
     bench.order(Request.WATCHDOG, ms)
     check_not_yet(bench, ends * TICKS_PER_PERIOD)

@@ -16,6 +16,7 @@ from phasewire.hil.conformance.tools.drives import widths_for
 from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, in_time, soon
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
+    MOST_ENTRY_PERIODS,
     SILENT,
     Wrong,
     begin,
@@ -61,7 +62,6 @@ from phasewire.protocol.pulses import Pulses
 
 TICKS_PER_MS = TICK_HZ // 1000
 MOST_MS = 60_000
-MOST_ENTRY_PERIODS = 65_535
 BITS = (8, 15, 16, 24, 31, 32)
 """Widths in bits that are too narrow; 15 and 31 stand for signed numbers of 16 and 32 bits."""
 PER_PERIOD = {"periods": 1, "ticks": TICKS_PER_PERIOD, "cycles of a timer at 100 MHz": 2_500, "core cycles": 10_000}

@@ -25,6 +25,7 @@ from .player import soon
 __all__ = [
     "FAR_PERIODS",
     "LONG_MS",
+    "MOST_ENTRY_PERIODS",
     "SILENT",
     "Wrong",
     "await_state",
@@ -62,6 +63,8 @@ LATER_BLOCKS = 12
 FEW = 6
 """How many of the blocks of one sort go over a serial line, on which each takes up to 45 ms."""
 
+MOST_ENTRY_PERIODS = 65_535
+"""The longest entry of a sequence (clause BLK-014)."""
 SILENT = Pulses.silent(CHANNELS)
 
 UNTOUCHED = (
