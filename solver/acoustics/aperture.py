@@ -122,7 +122,8 @@ class Aperture:
 
         def under(x: NDArray[np.float64]) -> NDArray[np.float64]:
             inside = np.minimum(x, size)
-            return np.asarray((inside * np.sqrt((size - inside) * (size + inside)) + size**2 * np.arcsin(inside / size)) / 2)
+            height = np.sqrt((size - inside) * (size + inside))
+            return np.asarray((inside * height + size**2 * np.arcsin(inside / size)) / 2)
 
         quadrant = np.clip(full - low + under(some) - under(full) - bottom * (some - full), 0.0, 1.0)
         upper = np.concatenate([quadrant[:, ::-1], quadrant], axis=1)

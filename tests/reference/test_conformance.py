@@ -31,6 +31,8 @@ ON_ANY_LINE = (
     "this line has no connection to close",
 )
 WITHOUT_LEVERS = ("needs power", "needs a bus", "needs a cable", "needs a USB host", "needs faults")
+RECORDED = ("periods ", "the line brought ")
+"""A restart between two marks hides when a recording's periods were; this computer may not carry 40 000 updates/s."""
 SERIAL = (
     "not on this line",
     "this line is slower",
@@ -79,7 +81,7 @@ def test_the_library_passes(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("door", "may_be_open"),
-    [("usbip", ON_ANY_LINE + WITHOUT_LEVERS), ("serial", ON_ANY_LINE + WITHOUT_LEVERS + SERIAL)],
+    [("usbip", ()), ("serial", SERIAL)],
 )
 def test_the_port_for_posix_passes_with_a_recording_of_its_outputs(
     tmp_path: Path, door: str, may_be_open: tuple[str, ...]
@@ -98,4 +100,4 @@ def test_the_port_for_posix_passes_with_a_recording_of_its_outputs(
             if "end the recording" in line:
                 device.send_signal(signal.SIGTERM)
         run.wait(END_SECONDS)
-    check(tmp_path / "report.json", "".join(said), may_be_open)
+    check(tmp_path / "report.json", "".join(said), ON_ANY_LINE + WITHOUT_LEVERS + RECORDED + may_be_open)
