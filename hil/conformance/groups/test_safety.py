@@ -672,13 +672,12 @@ def test_a_change_close_to_the_end_begins_everywhere_or_nowhere(bench: Bench) ->
         ack = bench.must(Update(following, begins))
         expect("the period at which the change is to begin", ack.commit_period, begins)
         for _ in range(10):
-            gap = begins * TICKS_PER_PERIOD - ack.now
-            ahead = gap % TICKS_PER_MS // TICKS_PER_PERIOD
+            ahead = (begins * TICKS_PER_PERIOD - ack.now) % TICKS_PER_MS // TICKS_PER_PERIOD
             if ahead < 12 and ahead not in found:
                 break
             bench.wait_periods(bench.random.uniform(1, 40))
             ack = bench.must(NoOp())
-        ms = gap // TICKS_PER_MS
+        ms = (begins * TICKS_PER_PERIOD - ack.now) // TICKS_PER_MS
         if ms < 10:
             raise TooSlow("this line is too slow: the change is due before the watchdog can be set")
         fires = ack.now + ms * TICKS_PER_MS
