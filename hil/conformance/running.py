@@ -6,7 +6,7 @@ import hashlib
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -51,6 +51,9 @@ __all__ = ["RunOptions", "catalogue", "open_bench", "run_conformance"]
 
 GROUPS = Path(__file__).with_name("groups")
 EMULATOR, NONE = "emulator", "none"
+SPARES = "phasewire.spares"
+"""Entry points by the scheme of a device's URL: functions that take the key which a device is to trust, or None, and
+return the rest of the URL of a fresh one, for what breaks a device for good. Capture and levers have the same rest."""
 SEED = 1
 _serials = count(1)
 
@@ -249,7 +252,7 @@ def open_bench(options: RunOptions, key: Ed25519PrivateKey | None = None) -> Ite
         allowed = options.allowed
         if allowed is None:
             allowed = frozenset() if emulator is None else frozenset(Risk)
-        spare = None if emulator is None else partial(open_bench, _for_a_spare(options))
+        spare = _plugged_spare(options) if emulator is None else partial(open_bench, _for_a_spare(options))
         bench = Bench(line, levers, None, allowed, options.seed, profile=options.profile, spare=spare)
         if see is not None:
             probes = options.profile.channels(bench.wiring) if options.profile.probes else {}
@@ -265,6 +268,25 @@ def _named(texts: Iterable[str], own: str | None, options: RunOptions) -> list[s
     if own is None and EMULATOR in texts:
         raise ValueError(f"emulator: {options.url!r} is not emulated in this process, so that it has none of this")
     return [own if own and text == EMULATOR else text for text in texts]
+
+
+def _plugged_spare(
+    options: RunOptions,
+) -> Callable[[Ed25519PrivateKey | None], AbstractContextManager[Bench]] | None:
+    """What opens a fresh device of somebody's own, if there is one for this scheme."""
+    scheme = options.url.partition(":")[0]
+    entry = entries(SPARES).get(scheme)
+    if entry is None:
+        return None
+    make = entry.load()
+
+    def spare(key: Ed25519PrivateKey | None) -> AbstractContextManager[Bench]:
+        rest = make(key)
+        plugged = [f"{text.partition(':')[0]}:{rest}" for text in (options.capture or NONE, *options.levers)]
+        capture = NONE if plugged[0].startswith(NONE) else plugged[0]
+        return open_bench(replace(options, url=f"{scheme}:{rest}", capture=capture, levers=tuple(plugged[1:])))
+
+    return spare
 
 
 def _for_a_spare(options: RunOptions) -> RunOptions:

@@ -277,9 +277,10 @@ enum pw_answer pw_device_answer(struct pw_device *self, uint8_t door, uint8_t *a
     for (uint32_t node = 0; node < PW_PROCESSORS; node++) {
         pw_pulses_unsort(self->read[node].pulses, node, self->about->wiring, answer + 16);
     }
-    const bool silent = !self->plays && pw_all_zero(answer + 16, PW_PAYLOAD);
-    const bool agree = same_since(self) && self->reading_came == (1u << PW_PROCESSORS) - 1u;
-    if (!silent) {
+    const bool all_came = self->reading_came == (1u << PW_PROCESSORS) - 1u;
+    const bool silent = all_came && !self->plays && pw_all_zero(answer + 16, PW_PAYLOAD);
+    const bool agree = all_came && same_since(self);
+    if (!silent) { /* who did not answer may play anything */
         pw_put64(answer, agree ? self->read[0].period : UINT64_MAX);
     }
     pw_put64(answer + 8, self->reading_period);

@@ -190,9 +190,17 @@ size_t pw_processor_message(struct pw_processor *self, uint8_t channel_end, cons
 
 /* Sensors and the sync line ------------------------------------------------------------------------------------ */
 
+/* A fault that goes before anybody has asked is told too, and silences until then (SAF-008). */
 static void set_lasting(struct pw_processor *self, uint16_t fault, bool lasts)
 {
-    self->lasting_faults = (uint16_t)(lasts ? self->lasting_faults | fault : self->lasting_faults & (uint16_t)~fault);
+    if (!lasts) {
+        self->lasting_faults &= (uint16_t)~fault;
+    } else if ((self->lasting_faults & fault) == 0u) {
+        self->lasting_faults |= fault;
+        self->event_faults |= fault;
+    } else {
+        /* It is there already. */
+    }
 }
 
 void pw_processor_sensors(struct pw_processor *self, int8_t temperature_c, uint16_t supply_mv)
@@ -364,10 +372,10 @@ static void begin_what_waits(struct pw_processor *self)
     }
 }
 
-/* Silence by itself: what waits or runs is dropped (CHN-018, SAF-007). */
+/* Silence by itself: what waits or runs is dropped (CHN-018, SAF-007). A slice in the mailbox does not wait yet: its
+   commit is to find it, for whoever is silent misses nothing. */
 static void fall_silent(struct pw_processor *self)
 {
-    self->has_mail = false;
     self->waits = false;
     self->program_waits[SEQUENCE] = false;
     self->program_waits[MODULATION] = false;
@@ -388,7 +396,7 @@ bool pw_processor_period(struct pw_processor *self, uint64_t period)
     step(self);
     begin_what_waits(self);
     const bool alone = period - self->last_collect == DEAF_PERIODS + 1u; /* the boundary after 50 ms */
-    if (alone || (self->lasting_faults & PW_SILENCING) != 0u) {
+    if (alone || ((self->lasting_faults | self->event_faults) & PW_SILENCING) != 0u) {
         fall_silent(self);
     }
     if (alone) {

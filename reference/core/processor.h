@@ -48,7 +48,7 @@ struct pw_processor {
     uint8_t samples[PW_SAMPLES];
     /* Reports. */
     uint16_t lasting_faults; /* enum pw_fault, whose cause lasts */
-    uint16_t event_faults;   /* CHAIN and OVERRUN since the report before */
+    uint16_t event_faults;   /* CHAIN and OVERRUN since the report before, and what may have come and gone since */
     int8_t drift;
     uint32_t carried_out, missed_commits, damaged_messages;
     /* Time. */

@@ -1,5 +1,5 @@
-/* Chapter USB: control requests, and packets of the endpoints. It knows no registers: a board's driver, or posix/usbip.c,
-   calls it with SETUP packets and with the packets of endpoints, and does what it answers.
+/* Chapter USB: control requests, and packets of the endpoints. It knows no registers: a board's driver, or
+   posix/usbip.c, calls it with SETUP packets and with the packets of endpoints, and does what it answers.
 
    Order of calls: pw_usb_begin when the device is to attach (in run-time mode not before pw_device_serving: TIM-002),
    pw_usb_bus_reset when the bus resets, then requests and packets as they come; pw_usb_poll after each pw_device_poll.

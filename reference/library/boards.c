@@ -117,11 +117,13 @@ bool boards_send(struct boards *self, uint64_t now, const uint8_t *bytes, size_t
         return true;
     }
     const uint32_t place = place_of(self, now, way->route.bytes);
-    if (place == PW_PROCESSORS) {
-        return false; /* it is for nobody, and blocks the chain */
+    if (place != PW_PROCESSORS && !self->blocked) {
+        const uint64_t arrives = later(now, way->busy_until) + link_ticks(self, now, place, way->route.size + 1u);
+        self->blocked = arrives - now > STALL_TICKS || !depart(way, arrives);
+    } else {
+        self->blocked = true; /* what is for nobody blocks the chain */
     }
-    const uint64_t arrives = later(now, way->busy_until) + link_ticks(self, now, place, way->route.size + 1u);
-    return arrives - now <= STALL_TICKS && depart(way, arrives);
+    return !self->blocked;
 }
 
 /* An answer of a processor to the controller. */

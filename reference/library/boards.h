@@ -1,5 +1,5 @@
-/* The boards behind the controller: ten processors, their links, the sync line and what is wrong with them. A link sends
-   a message in no time, unless it is slow. */
+/* The boards behind the controller: ten processors, their links, the sync line and what is wrong with them. A link
+   sends a message in no time, unless it is slow. */
 #ifndef BOARDS_H
 #define BOARDS_H
 
@@ -37,6 +37,7 @@ struct boards {
     bool changed;     /* words of this period differ from those of the one before */
     uint32_t words[PW_PROCESSORS][PW_TICKS]; /* what the ports play */
     uint32_t late[PW_PROCESSORS];            /* periods for which words have not been ready */
+    bool blocked;     /* a message could not leave, and none behind it can (CHN-021) */
     struct way down, up;
     struct pw_processor processors[PW_PROCESSORS];
 };
@@ -46,8 +47,8 @@ void boards_begin(struct boards *self, struct faults *faults, uint64_t now, cons
                   const uint8_t unique_id[8]);
 /* A message of the controller, route header first. False: it could not leave within 1 ms. */
 bool boards_send(struct boards *self, uint64_t now, const uint8_t *message, size_t size);
-/* Deliver what has arrived by now in both directions; not from within a call of the port. Returns whether the controller
-   got something. */
+/* Deliver what has arrived by now in both directions; not from within a call of the port. Returns whether the
+   controller got something. */
 bool boards_deliver(struct boards *self, uint64_t now, struct pw_device *device);
 /* A pulse on the sync line; period 0 begins with the first. */
 void boards_sync(struct boards *self, uint64_t now);

@@ -7,6 +7,7 @@
 #include "../posix/factory.h"
 #include "dfu.h"
 #include "fwu.h"
+#include "idle.h"
 #include "memory.h"
 #include "plays.h"
 #include "ser.h"
@@ -18,6 +19,8 @@
 #define CONFIRM_TICKS (5u * (uint64_t)PW_TICKS_PER_MS)
 
 static const uint8_t FIRMWARE[3] = {1, 0, 0};
+static const struct pw_about ABOUT = {.product = 1, .product_name = "phasewire reference device", .columns = 20,
+                                      .rows = 16, .pitch_um = 10300};
 
 struct machine {
     uint64_t tick;
@@ -143,21 +146,16 @@ static void start(struct machine *self)
     self->usb.was_configured = false;
     self->confirm_at = self->tick;
     self->plays.count = 0;
-    memset(&self->about, 0, sizeof self->about);
-    const size_t length = strlen(self->serial_number);
-    for (size_t i = 0; i < length; i++) {
-        self->about.unique_id[i % 8u] = (uint8_t)(self->about.unique_id[i % 8u] * 31u + (uint8_t)self->serial_number[i]);
+    self->about = ABOUT;
+    for (size_t i = 0; self->serial_number[i] != '\0'; i++) {
+        uint8_t *byte = &self->about.unique_id[i % 8u];
+        *byte = (uint8_t)(*byte * 31u + (uint8_t)self->serial_number[i]);
     }
     memcpy(self->about.firmware, self->running.firmware, 3);
     self->about.bank = self->running.bank;
     self->about.faults = self->running.faults;
-    self->about.product = 1;
-    self->about.product_name = "phasewire reference device";
     self->about.serial_number = self->serial_number;
     self->about.wiring = self->wiring;
-    self->about.columns = 20;
-    self->about.rows = 16;
-    self->about.pitch_um = 10300;
     boards_begin(&self->boards, &self->faults, self->tick, self->about.firmware, self->about.unique_id);
     pw_device_begin(&self->device, &self->port, &self->about);
     pw_line_begin(&self->lines[0], PW_DOOR_LINE(0u), false);
@@ -247,7 +245,20 @@ uint64_t machine_now(const struct machine *self)
     return self->tick;
 }
 
-uint64_t machine_due(const struct machine *self)
+bool machine_serves(const struct machine *self)
+{
+    return self->powered && !self->in_dfu && pw_device_serving(&self->device);
+}
+
+/* Whether nothing happens that is seen outside, unless somebody outside does something. */
+static bool is_idle(const struct machine *self)
+{
+    return machine_serves(self) && !self->away && !self->lines[0].waits && !self->lines[UART].waits
+        && idle_is(&self->device, &self->boards);
+}
+
+/* What happens next, but for the periods of the processors. */
+static uint64_t next_due(const struct machine *self)
 {
     if (!self->powered) {
         return self->power_at;
@@ -263,10 +274,15 @@ uint64_t machine_due(const struct machine *self)
     return self->in_dfu ? due : earlier(due, boards_message_due(&self->boards));
 }
 
+uint64_t machine_due(const struct machine *self)
+{
+    return is_idle(self) ? PW_NEVER : next_due(self);
+}
+
 /* Besides, the periods of the processors, of which nothing is seen outside. */
 static uint64_t due_inside(const struct machine *self)
 {
-    const uint64_t due = machine_due(self);
+    const uint64_t due = next_due(self);
     return self->powered && !self->in_dfu ? earlier(due, boards_period_due(&self->boards)) : due;
 }
 
@@ -328,8 +344,17 @@ static void work(struct machine *self)
     come_back(self);
 }
 
+/* Leave out what comes again and again while the device rests. */
+static void skip_idle(struct machine *self, uint64_t tick)
+{
+    if (tick > self->tick && is_idle(self)) {
+        self->tick += idle_skip(&self->device, &self->boards, tick - self->tick);
+    }
+}
+
 void machine_run(struct machine *self, uint64_t tick)
 {
+    skip_idle(self, tick);
     for (uint64_t due = due_inside(self); due <= tick; due = due_inside(self)) {
         self->tick = self->tick < due ? due : self->tick;
         work(self);
@@ -339,11 +364,6 @@ void machine_run(struct machine *self, uint64_t tick)
     }
     self->tick = tick;
     work(self);
-}
-
-bool machine_serves(const struct machine *self)
-{
-    return self->powered && !self->in_dfu && pw_device_serving(&self->device);
 }
 
 uint64_t machine_origin(const struct machine *self)

@@ -19,23 +19,6 @@ enum { RET_SUBMIT = 3, RET_UNLINK = 4 };
 #define FULL_SPEED_PACKET (2000u * 13u)
 #define BLOCKS_QUEUE 1u
 
-uint32_t usbip_get32(const uint8_t *at)
-{
-    return ((uint32_t)at[0] << 24) | ((uint32_t)at[1] << 16) | ((uint32_t)at[2] << 8) | at[3];
-}
-
-void usbip_put16(uint8_t *at, uint32_t value)
-{
-    at[0] = (uint8_t)((value >> 8) & 0xFFu);
-    at[1] = (uint8_t)(value & 0xFFu);
-}
-
-void usbip_put32(uint8_t *at, uint32_t value)
-{
-    usbip_put16(at, value >> 16);
-    usbip_put16(at + 2, value & 0xFFFFu);
-}
-
 /* Answers ------------------------------------------------------------------------------------------------------ */
 
 /* Room for so many bytes more behind the answers; NULL if memory has run out. */

@@ -13,6 +13,24 @@ enum {
     USBIP_EPIPE = -32, USBIP_EPROTO = -71, USBIP_EOVERFLOW = -75, USBIP_ECONNRESET = -104, USBIP_EREMOTEIO = -121
 };
 
+/* Numbers of the wire are big-endian. */
+static inline uint32_t usbip_get32(const uint8_t *at)
+{
+    return ((uint32_t)at[0] << 24) | ((uint32_t)at[1] << 16) | ((uint32_t)at[2] << 8) | at[3];
+}
+
+static inline void usbip_put16(uint8_t *at, uint32_t value)
+{
+    at[0] = (uint8_t)((value >> 8) & 0xFFu);
+    at[1] = (uint8_t)(value & 0xFFu);
+}
+
+static inline void usbip_put32(uint8_t *at, uint32_t value)
+{
+    usbip_put16(at, value >> 16);
+    usbip_put16(at + 2, value & 0xFFFFu);
+}
+
 struct urb {
     struct urb *next;
     uint32_t number;
@@ -64,10 +82,5 @@ void urbs_carry_out(struct urbs *urbs);
 uint64_t urbs_due(const struct urbs *urbs);
 void urbs_free(struct urb *urb);
 void urbs_clear(struct urbs *urbs);
-
-/* Numbers of the wire are big-endian. */
-uint32_t usbip_get32(const uint8_t *at);
-void usbip_put32(uint8_t *at, uint32_t value);
-void usbip_put16(uint8_t *at, uint32_t value);
 
 #endif

@@ -6,9 +6,9 @@ With this folder on `PYTHONPATH`, phasewire finds the entry points beside this m
     PYTHONPATH=reference/python phasewire conformance --device reference: --capture reference: --levers reference: \
         --allow reset --allow flash --allow drive
 
-``reference-uart:`` is its UART. `PHASEWIRE_REFERENCE` names another library, such as one with your changes, and
-`PHASEWIRE_REFERENCE_SPEED=full` puts it on a full-speed bus. Whoever
-carries the core to a board can test in the same way (`library/library.h`).
+``reference-uart:`` is its UART, and ``reference:NAME`` a device of its own for each name. `PHASEWIRE_REFERENCE` names
+another library, such as one with your changes, and `PHASEWIRE_REFERENCE_SPEED=full` puts it on a full-speed bus.
+Whoever carries the core to a board can test in the same way (`library/library.h`).
 """
 
 from __future__ import annotations
@@ -16,23 +16,30 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Mapping, Sequence
-from functools import cached_property, lru_cache
+from functools import lru_cache
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
+from phasewire.emulator import faults
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.doors.serial_port import EmulatedPort
 from phasewire.emulator.faults import InjectedFault
-from phasewire.hil.conformance.cases import Inconclusive
+from phasewire.emulator.faults.fault import Lasting
+from phasewire.emulator.faults.messages import MESSAGES, DamagedMessage
+from phasewire.hil.conformance import running
+from phasewire.hil.conformance.cases import Inconclusive, Need
 from phasewire.hil.conformance.levers import SET_CONFIGURATION, EmulatorLevers
 from phasewire.hil.conformance.sight.capture import Observer, Seen, Unseen, check_stretch
 from phasewire.hil.conformance.sight.marks import Mark
-from phasewire.protocol.board import CYCLES_PER_TICK, PROCESSORS, TICKS_PER_PERIOD
-from phasewire.protocol.codes import DescriptorType
+from phasewire.protocol.board import CYCLES_PER_TICK, PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
+from phasewire.protocol.codes import FLASH_SECTOR_BYTES, DescriptorType
 from phasewire.protocol.descriptors import descriptors
+from phasewire.protocol.dfu import PAGE_BYTES
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.wiring import Wiring
@@ -73,7 +80,7 @@ def library() -> ctypes.CDLL:
         "say": (size, [pointer, pointer, size]),
         "break": (None, [pointer]),
         "words": (flag, [pointer, number, size, pointer]),
-        "fault": (None, [pointer, ctypes.c_uint8, ctypes.c_uint16]),
+        "fault": (flag, [pointer, pointer]),
     }
     for name, (result, arguments) in types.items():
         function = getattr(found, f"machine_{name}")
@@ -140,8 +147,101 @@ class Machine:
         return words
 
     def inject(self, fault: InjectedFault) -> None:
-        """Raise: the library has none of the emulator's faults."""
+        """Let something go wrong, now or at its period; raises `Inconclusive` if the library has no such fault."""
+        begins = now = int(self.call("now"))
+        if fault.period is not None:
+            begins = int(self.call("origin")) + fault.period * TICKS_PER_PERIOD
+            if begins < now:
+                raise ValueError(f"{fault}: period {fault.period} is over")
+        lasts = fault.periods if isinstance(fault, Lasting) else None
+        ends = NEVER if lasts is None else begins + lasts * TICKS_PER_PERIOD
+        trouble = Trouble(*kind_and_places(fault), begins, ends, getattr(fault, "times", 1), *details(fault))
+        if not self.call("fault", ctypes.byref(trouble)):
+            raise Inconclusive("too much is wrong with the reference device at once")
+
+
+# Faults
+
+EVERYWHERE = (1 << PROCESSORS) - 1
+KINDS: tuple[type[InjectedFault], ...] = (
+    faults.LostToken,
+    faults.DoubledToken,
+    faults.FlippedBit,
+    faults.SlowLink,
+    faults.DeadProcessor,
+    faults.SlowProcessor,
+    faults.ClockError,
+    faults.LostSync,
+    faults.HotBoard,
+    faults.WrongSupply,
+    faults.StuckFlashBit,
+    faults.FailingSector,
+    faults.FailingPage,
+    faults.WriteProtectedFlash,
+    faults.PowerCutInWrite,
+)
+"""In the order of `enum machine_trouble`."""
+SYMBOLS_PER_TOKEN = 4
+"""On five wires (clause BUD-002)."""
+
+
+class Trouble(ctypes.Structure):
+    """`struct machine_fault` of the library."""
+
+    _fields_ = (
+        ("kind", ctypes.c_uint32),
+        ("places", ctypes.c_uint32),
+        ("begin", ctypes.c_uint64),
+        ("end", ctypes.c_uint64),
+        ("times", ctypes.c_uint32),
+        ("what", ctypes.c_int32),
+        ("where", ctypes.c_int32),
+        ("value", ctypes.c_int32),
+    )
+
+
+def kind_and_places(fault: InjectedFault) -> tuple[int, int]:
+    """The kind of a fault for the library, and the processors at which it is, as bits; raises `Inconclusive`."""
+    if isinstance(fault, faults.DeadBoard):
+        return KINDS.index(faults.DeadProcessor), of_board(fault.board)
+    if type(fault) not in KINDS:
         raise Inconclusive(f"the reference device has no lever for {fault}")
+    if (board := getattr(fault, "board", None)) is not None:
+        return KINDS.index(type(fault)), of_board(board)
+    processor = getattr(fault, "processor", getattr(fault, "link", None))
+    return KINDS.index(type(fault)), EVERYWHERE if processor is None else 1 << processor
+
+
+def of_board(board: int) -> int:
+    """The processors of a board, as bits."""
+    return ((1 << PROCESSORS_PER_BOARD) - 1) << board * PROCESSORS_PER_BOARD
+
+
+def details(fault: InjectedFault) -> tuple[int, int, int]:
+    """What, where and by how much, as the library has it of this kind."""
+    match fault:
+        case DamagedMessage():
+            return MESSAGES[fault.message].CHANNEL_END, fault.token, getattr(fault, "bit", 0)
+        case faults.SlowLink():
+            return 0, 0, SYMBOLS_PER_TOKEN * fault.cycles_per_symbol + fault.token_delay
+        case faults.SlowProcessor():
+            return 0, 0, fault.slowness
+        case faults.ClockError():
+            return 0, 0, round(1000 * fault.ppm)
+        case faults.HotBoard():
+            return 0, 0, fault.celsius
+        case faults.WrongSupply():
+            return 0, 0, fault.millivolts
+        case faults.StuckFlashBit():
+            return fault.bit, fault.address, fault.value
+        case faults.FailingSector():
+            return 0, fault.sector * FLASH_SECTOR_BYTES, 0
+        case faults.FailingPage():
+            return 0, fault.page * PAGE_BYTES, 0
+        case faults.PowerCutInWrite():
+            return 0, fault.written_bytes, -1 if fault.off_periods is None else fault.off_periods
+        case _:
+            return 0, 0, 0
 
 
 class Time:
@@ -300,15 +400,13 @@ class Sight(Observer):
         return Seen(first_period, last_period, words, np.full(PROCESSORS, 2**32 - 1, np.uint32))
 
 
-class PowerAndBus(EmulatorLevers):
-    """Power, bus and cable; it has no lever for faults."""
+class Surroundings(EmulatorLevers):
+    """Power, bus, cable and faults."""
 
-    @cached_property
+    @property
     def can(self) -> frozenset[Any]:
-        """All but faults."""
-        from phasewire.hil.conformance.cases import Need
-
-        return super().can - {Need.FAULTS}
+        """All, but faults only where there are spare devices: one that lasts for good would end the run."""
+        return super().can if hasattr(running, "SPARES") else super().can - {Need.FAULTS}
 
     def configure(self) -> None:
         """Let a host on the bus reset and configure the device."""
@@ -316,27 +414,47 @@ class PowerAndBus(EmulatorLevers):
         self._emulator.usb.control(SET_CONFIGURATION)
 
 
+_spares = count(1)
+_named: WeakValueDictionary[str, Machine] = WeakValueDictionary()
+
+
 @lru_cache(1)
 def the_machine() -> Machine:
-    """The one device of this process."""
+    """The device of this process that has no name."""
     return Machine(speed=FULL_SPEED if os.environ.get(SPEED) == "full" else HIGH_SPEED)
 
 
-def open_bus(_url: str) -> EmulatorBackend:
+def machine_of(name: str) -> Machine:
+    """The device of this process, or one with a name, which is there as long as somebody has it open."""
+    if not name:
+        return the_machine()
+    if (machine := _named.get(name)) is None:
+        machine = _named[name] = Machine(serial=name, speed=the_machine().usb.speed)
+    return machine
+
+
+def make_spare(key: Any) -> str:
+    """The name of a device that nobody has used, for what breaks one for good."""
+    if key is not None:
+        raise Inconclusive("the reference device trusts no keys")
+    return f"SPARE-{next(_spares)}"
+
+
+def open_bus(url: str) -> EmulatorBackend:
     """The bus of ``reference:``."""
-    return EmulatorBackend([the_machine()])  # type: ignore[list-item]
+    return EmulatorBackend([machine_of(url.partition(":")[2])])  # type: ignore[list-item]
 
 
-def open_port(_url: str) -> Port:
+def open_port(url: str) -> Port:
     """The UART of ``reference-uart:``."""
-    return Port(the_machine(), BAUD)  # type: ignore[arg-type]
+    return Port(machine_of(url.partition(":")[2]), BAUD)  # type: ignore[arg-type]
 
 
-def open_capture(_rest: str, _channels: Mapping[str, int], _marks: Sequence[Mark]) -> Sight:
+def open_capture(rest: str, _channels: Mapping[str, int], _marks: Sequence[Mark]) -> Sight:
     """The capture ``reference:``."""
-    return Sight(the_machine())
+    return Sight(machine_of(rest))
 
 
-def open_levers(_rest: str) -> PowerAndBus:
+def open_levers(rest: str) -> Surroundings:
     """The levers ``reference:``."""
-    return PowerAndBus(the_machine())  # type: ignore[arg-type]
+    return Surroundings(machine_of(rest))  # type: ignore[arg-type]

@@ -100,8 +100,14 @@ static bool port_flash_busy(void *self)
 }
 
 static const struct pw_port port = {
-    NULL, port_now, port_chain, port_sync, port_identify, port_flash_read, port_flash_erase, port_flash_program,
-    port_flash_busy, NULL
+    .now = port_now,
+    .chain = port_chain,
+    .sync = port_sync,
+    .identify = port_identify,
+    .flash_read = port_flash_read,
+    .flash_erase = port_flash_erase,
+    .flash_program = port_flash_program,
+    .flash_busy = port_flash_busy,
 };
 
 /* That of the vectors. */

@@ -35,6 +35,7 @@ RECORDED = ("periods ", "the line brought ")
 """A restart between two marks hides when a recording's periods were; this computer may not carry 40 000 updates/s."""
 SERIAL = (
     "not on this line",
+    "socket://",
     "this line is slower",
     "the line is so slow",
     "the line is too slow",
@@ -75,7 +76,7 @@ def test_the_library_passes(
     plugged = ["--device", url, "--capture", "reference:", "--levers", "reference:"]
     run = suite(*plugged, report=tmp_path / "report.json", PHASEWIRE_REFERENCE_SPEED=speed)
     said, _ = run.communicate(timeout=SUITE_SECONDS)
-    check(tmp_path / "report.json", said, (*may_be_open, "needs faults"))
+    check(tmp_path / "report.json", said, (*may_be_open, *RECORDED, "the reference device trusts no keys"))
 
 
 @pytest.mark.slow
