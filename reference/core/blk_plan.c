@@ -145,16 +145,19 @@ static bool replaces(const struct pw_change *change)
 static void effects(struct pw_device *self, uint64_t period)
 {
     const bool changes = self->change_count != 0u && change_at(self, 0)->period == period;
-    if (self->sequence_ends == period && !(changes && replaces(change_at(self, 0)))) {
+    const bool ends = self->sequence_ends == period && !(changes && replaces(change_at(self, 0)));
+    if (ends) {
         stop_playing(self);
         pw_event(self, PW_EVENT_END, PW_NO_DOOR);
-        pw_tell(self, PW_NO_DOOR);
     }
     if (changes) {
         const struct pw_change change = *change_at(self, 0); /* its event may empty the queue */
         self->first_change = (self->first_change + 1u) % PW_CHANGES;
         self->change_count--;
         take_effect(self, &change);
+    }
+    if (ends) {
+        pw_tell(self, PW_NO_DOOR); /* with a modulation that begins or ends in the same period */
     }
 }
 

@@ -31,8 +31,7 @@ from phasewire.emulator.doors.serial_port import EmulatedPort
 from phasewire.emulator.faults import InjectedFault
 from phasewire.emulator.faults.fault import Lasting
 from phasewire.emulator.faults.messages import MESSAGES, DamagedMessage
-from phasewire.hil.conformance import running
-from phasewire.hil.conformance.cases import Inconclusive, Need
+from phasewire.hil.conformance.cases import Inconclusive
 from phasewire.hil.conformance.levers import SET_CONFIGURATION, EmulatorLevers
 from phasewire.hil.conformance.sight.capture import Observer, Seen, Unseen, check_stretch
 from phasewire.hil.conformance.sight.marks import Mark
@@ -402,11 +401,6 @@ class Sight(Observer):
 
 class Surroundings(EmulatorLevers):
     """Power, bus, cable and faults."""
-
-    @property
-    def can(self) -> frozenset[Any]:
-        """All, but faults only where there are spare devices: one that lasts for good would end the run."""
-        return super().can if hasattr(running, "SPARES") else super().can - {Need.FAULTS}
 
     def configure(self) -> None:
         """Let a host on the bus reset and configure the device."""
