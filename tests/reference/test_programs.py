@@ -34,6 +34,8 @@ SLACK_PERIODS = 1
 """The reference works once a period, so that its own time line is up to a period longer (BUD-001)."""
 IN_TIME = 40
 """Periods ahead in which every device has everything in place, with all the stores of a program before it."""
+APART = 3
+"""Periods between two changes."""
 MOST_STEPS = 28
 """The changes of a program fit the queue."""
 STORE_PERIODS = 12
@@ -78,13 +80,15 @@ def test_disable_silences_within_six_periods_whatever_is_on_the_chain(machine: C
 
 
 def in_time(steps: Sequence[Step]) -> list[Step]:
-    """A program that leaves no choice: whole ticks, periods that every device can meet, room in queues and stores."""
+    """A program that leaves no choice: whole ticks, periods that every device can meet, room in queues and stores.
+
+    Each change has a later period than the one before, for how late a late one is depends on a device's own times.
+    """
     timed = []
-    for step in [*FILLED, *steps[:MOST_STEPS]]:
+    for number, step in enumerate([*FILLED, *steps[:MOST_STEPS]]):
         value = dict(step.value)
         if "ahead" in value:
-            ahead = value["ahead"]
-            value["ahead"] = IN_TIME + (ahead % 17 if isinstance(ahead, int) else 0)
+            value["ahead"] = IN_TIME + APART * number
         stores = STORE_PERIODS * PERIOD if step.what in ("slot", "entries", "samples") else 0
         timed.append(Step(step.wait // TICK * TICK + stores, step.what, value))
     return timed
