@@ -134,12 +134,13 @@ class RawDfuLine:
         It stops at the first one that is refused or fails.
         """
         blocks = [image[at : at + DFU_TRANSFER_BYTES] for at in range(0, len(image), DFU_TRANSFER_BYTES)]
+        reply: DfuReply | None = None
         for number in range(first, len(blocks) if last is None else last):
             taken = self.download(number, blocks[number])
             reply = self.poll()
             if not taken or reply.state is DfuState.ERROR:
                 break
-        return reply
+        return reply or self.poll()  # there may be no block to send
 
     def end(self) -> DfuReply:
         """End a download, and wait until the image is judged."""
