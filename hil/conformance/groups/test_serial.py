@@ -702,14 +702,14 @@ def test_a_block_that_waits_is_judged_when_a_change_leaves_the_queue(bench: Benc
     """A block that waits is answered when the first change leaves the queue, and plays after those in it."""
     queued = fill(bench, frames, 0.5 * bench.slowness)
     waits, behind = (pack(bench.numbered(Update(Pulses.silent(CHANNELS)))) for _ in range(2))
-    ack = send(frames, waits, 10)
+    ack = send(frames, waits, 10 + bench.slowness)
     first, last = queued[0].commit_period, queued[-1].commit_period
     if ack.now >= TICKS_PER_PERIOD * first:
         raise TooSlow("the queue could not be filled in time: a change had left it before the last block came")
     expect("the reason", ack.reason, Reason.ACCEPTED)
     expect("the free places, as the block took the first that became free", ack.free, 0)
     assert ack.commit_period > last, f"it plays from period {ack.commit_period} on, should play after period {last}"
-    expect("the reason of a block after it", send(frames, behind, 10).reason, Reason.ACCEPTED)
+    expect("the reason of a block after it", send(frames, behind, 10 + bench.slowness).reason, Reason.ACCEPTED)
 
 
 @case("SER-011/3")
