@@ -89,12 +89,13 @@ def test_the_port_for_posix_breaks_nothing_with_a_recording_of_its_outputs(tmp_p
     with running(*options, "--outputs", str(outputs)) as (device, doors):
         url = f"usbip:127.0.0.1:{doors['usbip']}" if door == "usbip" else doors["serial"][0]
         only = [word for group in BY_THE_CLOCK for word in ("--only", group)]
-        run = suite("--device", url, "--capture", f"sigrok:{outputs}", *only, report=tmp_path / "report.json")
+        judge = ["--device", url, "--capture", f"sigrok:{outputs}", *only]
         said = []
-        assert run.stdout is not None
-        for line in run.stdout:
-            said.append(line)
-            if "end the recording" in line:
-                device.send_signal(signal.SIGTERM)
-        run.wait(END_SECONDS)
+        with suite(*judge, report=tmp_path / "report.json") as run:
+            assert run.stdout is not None
+            for line in run.stdout:
+                said.append(line)
+                if "end the recording" in line:
+                    device.send_signal(signal.SIGTERM)
+            run.wait(END_SECONDS)
     check(tmp_path / "report.json", "".join(said))
