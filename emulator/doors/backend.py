@@ -15,18 +15,15 @@ import errno
 from array import array
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property, partial
-from itertools import count
 from types import SimpleNamespace
 from typing import Any, ClassVar, NoReturn
 from weakref import WeakKeyDictionary
 
-import usb.backend
 from usb.core import USBError, USBTimeoutError
 
+from ...libusb import SET_CONFIGURATION, Bus, BusHandle, ParsedConfiguration, parsed
 from ...protocol.board import CORE_HZ, CYCLES_PER_MS
-from ...protocol.codes import StandardRequest
 from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Enumeration, Speed
-from ...protocol.parsed import ParsedConfiguration, parsed
 from ...protocol.requests import Setup
 from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, MICROFRAME_CYCLES, PACKET_CYCLES
 from ..door import Handshake, Stall
@@ -48,10 +45,6 @@ _PACKET_CYCLES: dict[Speed, int] = {FULL_SPEED: FULL_SPEED_PACKET_CYCLES, HIGH_S
 _CONTROL_CYCLES: dict[Speed, int] = {FULL_SPEED: FRAME_CYCLES, HIGH_SPEED: MICROFRAME_CYCLES}
 
 _LIBUSB_SPEEDS = {FULL_SPEED: 2, HIGH_SPEED: 3}
-_SET_CONFIGURATION = (0x00, StandardRequest.SET_CONFIGURATION)
-_SET_INTERFACE = (0x01, StandardRequest.SET_INTERFACE)
-_CLEAR_FEATURE = (0x02, StandardRequest.CLEAR_FEATURE)
-_ENDPOINT_HALT = 0
 
 
 def open_backend(url: str) -> EmulatorBackend:
@@ -127,50 +120,24 @@ class Attachment:
         """Whether the device is still on the bus."""
         return self.usb.attached and self.usb.generation == self.generation
 
+    @property
+    def configuration(self) -> int:
+        """The selected configuration, 0 for none."""
+        return self.usb.configuration
+
+    @property
+    def claims(self) -> dict[int, int]:
+        """For each claimed interface, the number of the handle."""
+        return self.port.claims
+
     @cached_property
-    def parsed(self) -> ParsedConfiguration:
-        """Its configuration in pyusb's form."""
-        return ParsedConfiguration(self.enumeration.configuration)
+    def configurations(self) -> list[ParsedConfiguration]:
+        """Its only configuration, in pyusb's form."""
+        return [ParsedConfiguration(self.enumeration.configuration)]
 
 
-class Handle:
+class Handle(BusHandle[Attachment]):
     """An opened device, as held by one program."""
-
-    _numbers = count(1)
-
-    def __init__(self, attachment: Attachment) -> None:
-        self.attachment = attachment
-        self.number = next(self._numbers)
-        self.check_there()
-
-    def check_there(self) -> None:
-        """Raise `USBError` (no such device) if the device has left the bus."""
-        if not self.attachment.there:
-            raise USBError("No such device (it may have been disconnected)", None, errno.ENODEV)
-
-    def claim(self, interface: int) -> None:
-        """Claim an interface; raises `USBError` if another handle holds it (busy), or it does not exist (not found)."""
-        self.check_there()
-        claims = self.attachment.port.claims
-        if interface in claims:
-            if claims[interface] != self.number:
-                raise USBError("Resource busy", None, errno.EBUSY)
-        elif not self.attachment.usb.configuration or not self.attachment.parsed.settings(interface):
-            raise USBError("Entity not found", None, errno.ENOENT)
-        claims[interface] = self.number
-
-    def release(self, interface: int) -> None:
-        """Release an interface; raises `USBError` (not found) if it is not held."""
-        self.check_there()
-        if self.attachment.port.claims.get(interface) != self.number:
-            raise USBError("Entity not found", None, errno.ENOENT)
-        del self.attachment.port.claims[interface]
-
-    def close(self) -> None:
-        """Release all interfaces."""
-        claims = self.attachment.port.claims
-        for interface in [interface for interface, holder in claims.items() if holder == self.number]:
-            del claims[interface]
 
     def spend(self, cycles: int, began: int | None = None) -> None:
         """Let time pass, from now or an earlier core cycle, for a device that stays reachable.
@@ -182,19 +149,19 @@ class Handle:
             calls an I/O error.
         """
         self.check_awake()
-        scheduler = self.attachment.scheduler
+        scheduler = self.device.scheduler
         scheduler.run_until(max(scheduler.now, (scheduler.now if began is None else began) + cycles))
         self.check_awake()
 
     def check_awake(self) -> None:
         """Raise `USBError` if a transfer cannot reach the device."""
         self.check_there()
-        if self.attachment.usb.suspended:
+        if self.device.usb.suspended:
             raise USBError("Input/Output Error", None, errno.EIO)
 
     def deadline(self, timeout_ms: int) -> int:
         """The core cycle at which a time-out ends."""
-        return self.attachment.scheduler.now + (timeout_ms or FOREVER_MS) * FRAME_CYCLES
+        return self.device.scheduler.now + (timeout_ms or FOREVER_MS) * FRAME_CYCLES
 
     def insist(
         self, deadline: int, endpoint: int, transact: Callable[[], bytes | Handshake], began: int | None = None
@@ -208,8 +175,8 @@ class Handle:
         USBError
             If the endpoint is halted, or the device out of reach.
         """
-        scheduler = self.attachment.scheduler
-        self.spend(_PACKET_CYCLES[self.attachment.usb.speed], began)
+        scheduler = self.device.scheduler
+        self.spend(_PACKET_CYCLES[self.device.usb.speed], began)
         while scheduler.now > deadline or (answer := transact()) is Handshake.NAK:
             upcoming = scheduler.next_time()
             if upcoming is None or upcoming > deadline:
@@ -222,7 +189,7 @@ class Handle:
         return answer if isinstance(answer, bytes) else b""
 
 
-class EmulatorBackend(usb.backend.IBackend):
+class EmulatorBackend(Bus[Handle]):
     """The bus. What pyusb calls a device is an `Attachment`."""
 
     def __init__(self, emulators: Iterable[Emulator]) -> None:
@@ -249,50 +216,9 @@ class EmulatorBackend(usb.backend.IBackend):
         place = {"bus": 0, "address": dev.address, "port_number": dev.address, "port_numbers": (dev.address,)}
         return SimpleNamespace(**vars(parsed(dev.enumeration.device)), **place, speed=_LIBUSB_SPEEDS[dev.usb.speed])
 
-    def get_configuration_descriptor(self, dev: Attachment, config: int) -> SimpleNamespace:
-        """The configuration descriptor."""
-        return dev.parsed.head
-
-    def get_interface_descriptor(self, dev: Attachment, intf: int, alt: int, config: int) -> SimpleNamespace:
-        """The descriptor of an interface's setting."""
-        return dev.parsed.settings(intf)[alt]
-
-    def get_endpoint_descriptor(self, dev: Attachment, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
-        """The descriptor of an interface's endpoint."""
-        return dev.parsed.endpoint(intf, alt, ep)
-
     def open_device(self, dev: Attachment) -> Handle:
         """A new handle."""
         return Handle(dev)
-
-    def close_device(self, dev_handle: Handle) -> None:
-        """Release the device, which lives on."""
-        dev_handle.close()
-
-    def set_configuration(self, dev_handle: Handle, config_value: int) -> None:
-        """Select a configuration, which Linux refuses while any program has claimed an interface."""
-        dev_handle.check_there()
-        if dev_handle.attachment.port.claims:
-            raise USBError("Resource busy", None, errno.EBUSY)
-        self._order(dev_handle, _SET_CONFIGURATION, config_value, 0)
-
-    def get_configuration(self, dev_handle: Handle) -> int:
-        """The selected configuration, 0 for none."""
-        dev_handle.check_there()
-        return dev_handle.attachment.usb.configuration
-
-    def set_interface_altsetting(self, dev_handle: Handle, intf: int, altsetting: int) -> None:
-        """Select a setting of an interface."""
-        dev_handle.claim(intf)
-        self._order(dev_handle, _SET_INTERFACE, altsetting, intf)
-
-    def claim_interface(self, dev_handle: Handle, intf: int) -> None:
-        """Claim the interface for this handle alone."""
-        dev_handle.claim(intf)
-
-    def release_interface(self, dev_handle: Handle, intf: int) -> None:
-        """Release the interface."""
-        dev_handle.release(intf)
 
     def is_kernel_driver_active(self, dev_handle: Handle, intf: int) -> bool:
         """No kernel is involved."""
@@ -301,9 +227,9 @@ class EmulatorBackend(usb.backend.IBackend):
     def bulk_write(self, dev_handle: Handle, ep: int, intf: int, data: Any, timeout: int) -> int:
         """Send data in packets, or an empty one; returns the number of bytes that the device took in time."""
         dev_handle.claim(intf)
-        device = dev_handle.attachment.usb
+        device = dev_handle.device.usb
         deadline = dev_handle.deadline(timeout)
-        payload, sent, began = bytes(data), 0, dev_handle.attachment.scheduler.now
+        payload, sent, began = bytes(data), 0, dev_handle.device.scheduler.now
         while True:
             dev_handle.check_awake()
             taken, began = device.stream_out(ep, memoryview(payload)[sent:], began, deadline)
@@ -313,7 +239,7 @@ class EmulatorBackend(usb.backend.IBackend):
             packet = payload[sent : sent + device.speed.bulk_bytes]
             try:
                 dev_handle.insist(deadline, ep, partial(device.bulk_out, ep, packet), began)
-                began = dev_handle.attachment.scheduler.now
+                began = dev_handle.device.scheduler.now
             except USBTimeoutError:
                 if sent:
                     return sent  # as pyusb does over libusb
@@ -325,7 +251,7 @@ class EmulatorBackend(usb.backend.IBackend):
     def bulk_read(self, dev_handle: Handle, ep: int, intf: int, buff: Any, timeout: int) -> int:
         """Receive packets until the buffer is full or a packet is short; returns the number of bytes received."""
         dev_handle.claim(intf)
-        device = dev_handle.attachment.usb
+        device = dev_handle.device.usb
         deadline = dev_handle.deadline(timeout)
         room, received = len(buff) * buff.itemsize, 0
         while True:
@@ -355,7 +281,7 @@ class EmulatorBackend(usb.backend.IBackend):
         timeout: int,
     ) -> int:
         """Carry out a control transfer; returns the number of bytes transferred."""
-        device = dev_handle.attachment.usb
+        device = dev_handle.device.usb
         dev_handle.spend(_CONTROL_CYCLES[device.speed])
         setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(data))
         try:
@@ -376,7 +302,7 @@ class EmulatorBackend(usb.backend.IBackend):
             Not found, if the device came back as another one: it must be found again.
         """
         dev_handle.check_there()
-        attachment = dev_handle.attachment
+        attachment = dev_handle.device
         configuration = attachment.usb.configuration
         attachment.scheduler.run_until(attachment.scheduler.now + RESET_CYCLES)
         if attachment.there:
@@ -384,15 +310,7 @@ class EmulatorBackend(usb.backend.IBackend):
         if not attachment.there:
             raise USBError("Entity not found", None, errno.ENOENT)
         if configuration:
-            self._order(dev_handle, _SET_CONFIGURATION, configuration, 0)
-
-    def clear_halt(self, dev_handle: Handle, ep: int) -> None:
-        """End the halt of an endpoint."""
-        self._order(dev_handle, _CLEAR_FEATURE, _ENDPOINT_HALT, ep)
-
-    def _order(self, dev_handle: Handle, request: tuple[int, int], value: int, index: int) -> None:
-        """Carry out a standard request without data."""
-        self.ctrl_transfer(dev_handle, *request, value, index, b"", 0)
+            self.order(dev_handle, SET_CONFIGURATION, configuration, 0)
 
 
 def _stalled(what: str) -> NoReturn:

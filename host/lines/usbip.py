@@ -27,14 +27,13 @@ from types import SimpleNamespace
 from typing import Any
 from weakref import WeakValueDictionary
 
-import usb.backend
 from usb.core import USBError
 
 from ...errors import DeviceNotFoundError, DeviceUrlError, ReplyError
+from ...libusb import ORDER_MS, SET_CONFIGURATION, Bus, BusHandle, ParsedConfiguration, parsed
 from ...protocol.codes import DescriptorType, StandardRequest
 from ...protocol.descriptors import DeviceDescriptor
 from ...protocol.enumeration import ARRAY_CLASS, DFU_MODE_CLASS
-from ...protocol.parsed import ParsedConfiguration, parsed
 from ...protocol.requests import DIRECTION_IN, Setup
 from ...protocol.usbip import PORT, Offer
 from .flight import READ_BYTES, Flight, FlightTransfer
@@ -45,8 +44,6 @@ from .usbip_link import Urb, UsbIpLink, offers, take
 __all__ = ["USBIP", "UsbIpBackend", "open_backend"]
 
 HOST = "127.0.0.1"
-ORDER_MS = 5000
-"""For requests of the bus itself, as Linux has it."""
 LIBUSB_SPEEDS = {5: 4, 6: 5}
 """Of Linux's numbers; the others are equal."""
 HEAD_BYTES = 9  # of a configuration
@@ -54,7 +51,6 @@ _URL = re.compile(
     r"usbip:(?://)?(?P<host>\[[^\[\]]+\]|[^\[\]:/?]*)(?::(?P<port>\d{1,5}))?(?:/(?P<name>[^?]*))?", re.ASCII
 )
 _BUS_ID = re.compile(r"\d+-\d+(?:\.\d+)*", re.ASCII)
-_SET_CONFIGURATION = (0x00, StandardRequest.SET_CONFIGURATION)
 
 
 def open_backend(url: str) -> UsbIpBackend:
@@ -89,12 +85,13 @@ class UsbIpDevice:
     def __init__(self, link: UsbIpLink, offer: Offer) -> None:
         self.link, self.offer = link, offer
         self.handles = 0
-        self.claims: dict[int, UsbIpHandle] = {}
+        self.claims: dict[int, int] = {}
         self.replaced = False
-        self.descriptor, self.configurations = self.look()
-        self.device = DeviceDescriptor.decode(self.descriptor)
-        self.parsed = [ParsedConfiguration(each) for each in self.configurations]
-        if not self.parsed:
+        self.seen = self.look()
+        descriptor, configurations = self.seen
+        self.descriptor = DeviceDescriptor.decode(descriptor)
+        self.configurations = [ParsedConfiguration(each) for each in configurations]
+        if not self.configurations:
             raise ReplyError("it has no configuration")
         self.configuration = int.from_bytes(self.ask(DIRECTION_IN, StandardRequest.GET_CONFIGURATION, 0, 0, 1))
 
@@ -127,46 +124,22 @@ class UsbIpDevice:
         urb = Urb(self.link, DIRECTION_IN if is_in else 0, setup.length if is_in else data, setup)
         self.link.carry(urb, timeout_ms / 1000 or None)
         urb.check()
-        if (setup.request_type, setup.request) == _SET_CONFIGURATION:
+        if (setup.request_type, setup.request) == SET_CONFIGURATION:
             self.configuration = setup.value
         return urb
 
 
-class UsbIpHandle:
+class UsbIpHandle(BusHandle[UsbIpDevice]):
     """An opened device, as held by one program."""
 
     def __init__(self, device: UsbIpDevice) -> None:
-        self.device = device
-        self.check_there()
+        super().__init__(device)
         device.handles += 1
-
-    def check_there(self) -> None:
-        """Raise `USBError` (no such device) if the device has left the bus."""
-        if not self.device.there:
-            raise USBError("No such device (it may have been disconnected)", None, errno.ENODEV)
-
-    def claim(self, interface: int) -> None:
-        """Claim an interface; raises `USBError` if another handle holds it (busy), or it does not exist (not found)."""
-        self.check_there()
-        holder = self.device.claims.get(interface)
-        if holder not in (None, self):
-            raise USBError("Resource busy", None, errno.EBUSY)
-        if not holder and not (self.device.configuration and self.device.parsed[0].settings(interface)):
-            raise USBError("Entity not found", None, errno.ENOENT)
-        self.device.claims[interface] = self
-
-    def release(self, interface: int) -> None:
-        """Release an interface; raises `USBError` (not found) if it is not held."""
-        self.check_there()
-        if self.device.claims.get(interface) is not self:
-            raise USBError("Entity not found", None, errno.ENOENT)
-        del self.device.claims[interface]
 
     def close(self) -> None:
         """Release all interfaces."""
         self.device.handles -= 1
-        for interface in [each for each, holder in self.device.claims.items() if holder is self]:
-            del self.device.claims[interface]
+        super().close()
 
     def transfer(self, interface: int, endpoint: int, data: bytes | int, timeout_ms: int) -> Urb:
         """Carry out a bulk or interrupt transfer, at least a part of it; raises `USBError` as libusb does."""
@@ -183,7 +156,7 @@ _attached = WeakValueDictionary[tuple[str, int, str], UsbIpDevice]()
 _attaching = RLock()
 
 
-class UsbIpBackend(usb.backend.IBackend):
+class UsbIpBackend(Bus[UsbIpHandle]):
     """The bus of a server. What pyusb calls a device is a `UsbIpDevice`.
 
     Parameters
@@ -277,54 +250,17 @@ class UsbIpBackend(usb.backend.IBackend):
         ports = tuple(map(int, re.findall(r"\d+", offer.bus_id.partition("-")[2]))) or (offer.number,)
         place = {"bus": offer.bus, "address": offer.number, "port_number": ports[-1], "port_numbers": ports}
         speed = LIBUSB_SPEEDS.get(offer.speed, offer.speed)
-        return SimpleNamespace(**vars(parsed(dev.device)), **place, speed=speed)
-
-    def get_configuration_descriptor(self, dev: UsbIpDevice, config: int) -> SimpleNamespace:
-        """The configuration descriptor."""
-        return dev.parsed[config].head
-
-    def get_interface_descriptor(self, dev: UsbIpDevice, intf: int, alt: int, config: int) -> SimpleNamespace:
-        """The descriptor of an interface's setting."""
-        return dev.parsed[config].settings(intf)[alt]
-
-    def get_endpoint_descriptor(self, dev: UsbIpDevice, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
-        """The descriptor of an interface's endpoint."""
-        return dev.parsed[config].endpoint(intf, alt, ep)
+        return SimpleNamespace(**vars(parsed(dev.descriptor)), **place, speed=speed)
 
     def open_device(self, dev: UsbIpDevice) -> UsbIpHandle:
         """A new handle."""
         return UsbIpHandle(dev)
 
-    def close_device(self, dev_handle: UsbIpHandle) -> None:
-        """Release the device, which stays attached."""
-        dev_handle.close()
-
-    def set_configuration(self, dev_handle: UsbIpHandle, config_value: int) -> None:
-        """Select a configuration, which Linux refuses while any program has claimed an interface."""
-        dev_handle.check_there()
-        if dev_handle.device.claims:
-            raise USBError("Resource busy", None, errno.EBUSY)
-        dev_handle.device.ask(*_SET_CONFIGURATION, config_value, 0)
-
-    def get_configuration(self, dev_handle: UsbIpHandle) -> int:
-        """The configuration that was selected last, 0 for none."""
-        dev_handle.check_there()
-        return dev_handle.device.configuration
-
-    def set_interface_altsetting(self, dev_handle: UsbIpHandle, intf: int, altsetting: int) -> None:
-        """Select a setting of an interface."""
-        dev_handle.claim(intf)
-        dev_handle.device.ask(0x01, StandardRequest.SET_INTERFACE, altsetting, intf)
-
     def claim_interface(self, dev_handle: UsbIpHandle, intf: int) -> None:
-        """Claim the interface for this handle alone."""
-        dev_handle.claim(intf)
+        """Claim the interface for this handle alone; the bus becomes that of its device."""
+        super().claim_interface(dev_handle, intf)
         self._bus_id = dev_handle.device.offer.bus_id
         self._held = {self._bus_id: dev_handle.device}
-
-    def release_interface(self, dev_handle: UsbIpHandle, intf: int) -> None:
-        """Release the interface."""
-        dev_handle.release(intf)
 
     def bulk_write(self, dev_handle: UsbIpHandle, ep: int, intf: int, data: Any, timeout: int) -> int:
         """Send data, or an empty packet; returns the number of bytes that the device took in time."""
@@ -352,11 +288,6 @@ class UsbIpBackend(usb.backend.IBackend):
         urb = dev_handle.device.control(setup, b"" if setup.is_in else bytes(data), timeout)
         return _fill(data, urb.received) if setup.is_in else urb.actual
 
-    def clear_halt(self, dev_handle: UsbIpHandle, ep: int) -> None:
-        """End the halt of an endpoint."""
-        dev_handle.check_there()
-        dev_handle.device.ask(0x02, StandardRequest.CLEAR_FEATURE, 0, ep)
-
     def reset_device(self, dev_handle: UsbIpHandle) -> None:
         """Reset the port and configure the device as it was.
 
@@ -370,9 +301,9 @@ class UsbIpBackend(usb.backend.IBackend):
         device.link.cancel_all()
         try:
             before, device.configuration = device.configuration, 0
-            if device.look() == (device.descriptor, device.configurations):
+            if device.look() == device.seen:
                 if before:
-                    device.ask(*_SET_CONFIGURATION, before, 0)
+                    self.order(dev_handle, SET_CONFIGURATION, before, 0)
                 return
             device.replaced = True
             with _attaching, suppress(ReplyError):
