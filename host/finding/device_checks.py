@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +33,7 @@ from ...protocol.versions import Version
 from ..playing.clock import Reading
 from ..playing.device import Device
 from ..playing.ledger import DAMAGE
-from ..playing.session import WATCHDOG_BLOCKS
+from ..playing.session import watchdog_ms
 from .findings import CLEAR_FAULTS, FLASH, RESET, Judgement, fail, listed, ok, skipped, warn
 
 __all__ = ["DEVICE_CHECKS", "QUIET_CHECKS"]
@@ -108,13 +107,13 @@ def _settings(device: Device) -> Judgement:
         seen += (
             "; the watchdog has turned the outputs off: the program that played was held up, or ended without a stop"
         )
-    of_line = ceil(1000 * WATCHDOG_BLOCKS / device.most_updates_per_second)
-    if (status.watchdog_ms, status.drive_limit) == (max(info.watchdog_ms, of_line), info.drive_limit):
-        return ok(seen + "; a line as slow as this needs so long a watchdog time" * (of_line > info.watchdog_ms))
+    of_line_ms = watchdog_ms(device.most_updates_per_second)
+    if (status.watchdog_ms, status.drive_limit) == (max(info.watchdog_ms, of_line_ms), info.drive_limit):
+        return ok(seen + "; a line as slow as this needs so long a watchdog time" * (of_line_ms > info.watchdog_ms))
     return warn(
         f"{seen}; at power-up {info.watchdog_ms} ms and {info.drive_limit}",
         "phasewire or another program has set them so since power-up, as phasewire does with the watchdog time if it "
-        f"plays over a slow serial line; if that is not meant, `{RESET}`",
+        f"plays over a slow serial line; if you do not want that, `{RESET}`",
     )
 
 

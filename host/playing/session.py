@@ -47,6 +47,11 @@ LEAVES_SECONDS = 0.5
 """How long a device may take to leave its line after a command to restart."""
 
 
+def watchdog_ms(most_blocks_per_second: float) -> int:
+    """The watchdog's time that a line needs at least (clause SER-014)."""
+    return ceil(WATCHDOG_BLOCKS / most_blocks_per_second * 1000)
+
+
 class Session:
     """A session with the device at the end of a line.
 
@@ -124,9 +129,9 @@ class Session:
         with self.lock:
             self._begun = True
             self.order(Request.DISABLE)
-            blocks_seconds = WATCHDOG_BLOCKS / self._line.most_blocks_per_second
-            if self._watchdog < blocks_seconds:
-                self.order(Request.WATCHDOG, ceil(blocks_seconds * 1000))
+            least_ms = watchdog_ms(self._line.most_blocks_per_second)
+            if self._watchdog < least_ms / 1000:
+                self.order(Request.WATCHDOG, least_ms)
             self.send(NoOp())
 
     @property

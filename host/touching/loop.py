@@ -35,6 +35,7 @@ from ...solver.shapes.points import reachable
 from ..hands.frames import HandFrame
 from ..hands.sources import HandSource
 from ..playing.device import Device
+from ..playing.session import WATCHDOG_BLOCKS
 from .fading import Fading
 from .fields import PoseSolver
 from .prediction import Predictor
@@ -53,8 +54,6 @@ STALL_SECONDS = SILENCE_SECONDS - STALL_RAMP_SECONDS - 0.004
 """Without a frame, the field fades: longer than the time between two frames of a camera, 33 ms. The rest is for the
 last step of the ramp, and for the way to the outputs."""
 WATCHDOG_SECONDS = SILENCE_SECONDS
-SLOWEST_WATCHDOG_BLOCKS = 20
-"""How many blocks a line must be able to carry in the watchdog's time, as for any session."""
 PROGRESS_SECONDS = 0.1
 EARLY_SECONDS = 1e-4
 """By which a frame may come too early for the rate: those of a source of just this rate do, now and then."""
@@ -174,7 +173,7 @@ class TouchLoop:
         self._predictor = Predictor() if predict else None
         self._clock, self._stops = device.time, device.stops
         self._watchdog_before = device.status().watchdog_ms / 1000
-        self._watchdog = max(WATCHDOG_SECONDS, SLOWEST_WATCHDOG_BLOCKS / device.most_updates_per_second)
+        self._watchdog = max(WATCHDOG_SECONDS, WATCHDOG_BLOCKS / device.most_updates_per_second)
         self._turns = turns_for(device, frequency, self._watchdog)
         self._fields = PoseSolver(array, method, frequency, device.calibration)
         self._follows = source.live and self._clock is not time  # an emulated device's time does not pass by itself
