@@ -48,6 +48,8 @@ from .trace import Tracer
 
 __all__ = ["Emulator", "Event", "open_emulator", "open_emulators"]
 
+NOT_OPEN = "; an Emulator answers in a with statement, or after its open()"
+"""The end of an error of a program that finds no emulator."""
 LOG_EVENTS = 10_000
 PAST_CAPTURES = 16
 SYNC_WAIT_CYCLES = 5 * CORE_HZ

@@ -28,7 +28,7 @@ from ...protocol.requests import Setup
 from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, MICROFRAME_CYCLES, PACKET_CYCLES
 from ..door import Handshake, Stall
 from ..interfaces.usb_device import UsbDevice
-from ..machine import Emulator, open_emulators
+from ..machine import NOT_OPEN, Emulator, open_emulators
 from .address import EmulatorUrl
 from .device_time import DeviceTime
 
@@ -191,6 +191,8 @@ class Handle(BusHandle[Attachment]):
 
 class EmulatorBackend(Bus[Handle]):
     """The bus. What pyusb calls a device is an `Attachment`."""
+
+    hint = NOT_OPEN
 
     def __init__(self, emulators: Iterable[Emulator]) -> None:
         super().__init__()

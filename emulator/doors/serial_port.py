@@ -19,7 +19,7 @@ from ...errors import DeviceNotFoundError
 from ...protocol.board import CORE_HZ
 from ..interfaces.serial_line import SerialLine
 from ..interfaces.usb_device import PRODUCT
-from ..machine import Emulator, open_emulator, open_emulators
+from ..machine import NOT_OPEN, Emulator, open_emulator, open_emulators
 from ..scheduler import NEVER
 from .address import EmulatorUrl
 from .device_time import DeviceTime
@@ -45,9 +45,7 @@ def port_for_url(url: str) -> EmulatedPort:
     if emulator is None:
         names = ", ".join(repr(each.serial) for each in open_emulators())
         there = f"there are {names}" if names else "nothing is plugged in"
-        raise DeviceNotFoundError(
-            f"no device at {url!r}: {there}; an Emulator answers in a with statement, or after its open()"
-        )
+        raise DeviceNotFoundError(f"no device at {url!r}: {there}{NOT_OPEN}")
     return EmulatedPort(emulator, address.baud)
 
 

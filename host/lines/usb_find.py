@@ -4,9 +4,9 @@ A bus is an entry point in the group ``phasewire.usb_backends``: a function ``(u
 devices do not live by the wall clock has a method ``time_of(address) -> Timekeeper``; one that carries transfers by
 itself has ``open_flight(handle)``, which gives something with the methods of `flight.Flight`. One whose URLs name more
 than the device has that part as ``prefix`` and the rest as ``wanted``; one that may fail to reach devices says why in
-``trouble``; one that holds devices gives them back by ``close()``. Nothing here asks a device for more than its
-descriptors. One of ours is known by the classes of its interfaces besides vendor and product (clauses USB-005 and
-USB-013), for these are a test pair that others use too.
+``trouble``, and in ``hint`` what else may be the cause if it has none; one that holds devices gives them back by
+``close()``. Nothing here asks a device for more than its descriptors. One of ours is known by the classes of its
+interfaces besides vendor and product (clauses USB-005 and USB-013), for these are a test pair that others use too.
 """
 
 from __future__ import annotations
@@ -319,7 +319,8 @@ class UsbFinder:
             If there is none in one of these modes, or several and no serial number to choose by.
         """
         there = self.look()
-        chosen = select(self._url, self._serial, [each.found for each in there], modes)
+        hint = getattr(self._backend, "hint", "")
+        chosen = select(self._url, self._serial, [each.found for each in there], modes, hint)
         return next(each for each in there if each.found is chosen)
 
     def find(self, modes: Collection[DeviceMode] = ANY_MODE) -> Sighting:
@@ -420,7 +421,9 @@ def _problem(error: Exception) -> str:
     return f"it does not answer ({error.strerror}): unplug it and plug it in again"
 
 
-def select(url: str, serial: str, found: Sequence[Found], modes: Collection[DeviceMode] = ANY_MODE) -> Found:
+def select(
+    url: str, serial: str, found: Sequence[Found], modes: Collection[DeviceMode] = ANY_MODE, hint: str = ""
+) -> Found:
     """The one device that is meant.
 
     A serial number may be cut short: the whole one is preferred, then those that begin so, then those that hold it.
@@ -435,6 +438,8 @@ def select(url: str, serial: str, found: Sequence[Found], modes: Collection[Devi
         What is there.
     modes : collection of {"run time", "DFU"}
         In one of which it must be.
+    hint : str
+        The end of the error if there is none.
 
     Returns
     -------
@@ -459,9 +464,8 @@ def select(url: str, serial: str, found: Sequence[Found], modes: Collection[Devi
             "`phasewire flash` gives it firmware and starts it"
         )
     names = ", ".join(repr(each.serial) for each in there)
-    emulated = "; an Emulator answers in a with statement, or after its open()" if url.startswith("emulator:") else ""
     found_names = f"there are {names}" if names else "nothing is plugged in"
-    raise DeviceNotFoundError(f"no device at {url!r}: {found_names}{emulated}")
+    raise DeviceNotFoundError(f"no device at {url!r}: {found_names}{hint}")
 
 
 def _matching(serial: str, found: Sequence[Found]) -> list[Found]:
