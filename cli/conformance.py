@@ -201,7 +201,7 @@ def conformance(
         from ..hil.conformance.reports.terminal import LiveLine, print_run
         from ..hil.conformance.running import RunOptions, catalogue, run_conformance
 
-        if only:
+        if only:  # a wrong name is told before the device is opened
             selected(catalogue(), tuple(only))
 
     options = RunOptions(
@@ -295,10 +295,9 @@ def _list(json_target: str | None, only: tuple[str, ...], meaningless: list[str]
     from ..hil.conformance.plugin import selected
     from ..hil.conformance.running import catalogue
 
-    entries = catalogue()
-    matrix = Matrix.of(entry.claim for entry in entries)
+    matrix = Matrix.of(entry.claim for entry in selected(catalogue(), only))
     if only:
-        matrix = matrix.of_cases({entry.identifier for entry in selected(entries, only)})
+        matrix = matrix.shown()
     out = console_for(json_target)
     # A terminal folds long names; elsewhere each is whole on its line, so that it can be searched.
     out.print(matrix.table(), width=None if out.is_terminal else LIST_COLUMNS, soft_wrap=False)
@@ -306,7 +305,7 @@ def _list(json_target: str | None, only: tuple[str, ...], meaningless: list[str]
 
 
 def _write(run: Run, html: Path | None, junit_xml: Path | None, json_target: str | None) -> list[OSError]:
-    """Write the requested reports, each whatever becomes of the others; returns the errors."""
+    """Write the requested reports, each one even if another fails; returns the errors."""
     matrix, errors = Matrix.of(run.claims), list[OSError]()
     reports: list[Callable[[], None]] = []
     if html is not None:

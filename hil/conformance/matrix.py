@@ -7,7 +7,7 @@ cases that show it or the reason why none can. It learns of cases by `Claim` and
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import groupby
@@ -141,24 +141,16 @@ class Matrix:
         )
         return cls(tuple(chapters), claims)
 
-    def of_cases(self, cases: Container[str]) -> Matrix:
-        """The rows that some cases show, with no other cases."""
+    def shown(self) -> Matrix:
+        """The rows that have cases."""
 
-        def rows(clause: ClauseRows) -> tuple[MatrixRow, ...]:
-            return tuple(
-                replace(row, cases=kept)
-                for row in clause.rows
-                if (kept := tuple(case for case in row.cases if case in cases))
-            )
+        def kept(clauses: Iterable[ClauseRows]) -> Iterator[ClauseRows]:
+            for clause in clauses:
+                if rows := tuple(row for row in clause.rows if row.cases):
+                    yield replace(clause, rows=rows)
 
-        chapters = (
-            replace(
-                chapter, clauses=tuple(replace(each, rows=kept) for each in chapter.clauses if (kept := rows(each)))
-            )
-            for chapter in self.chapters
-        )
-        claims = tuple(claim for claim in self.claims if claim.case in cases)
-        return Matrix(tuple(chapter for chapter in chapters if chapter.clauses), claims)
+        chapters = (replace(chapter, clauses=tuple(kept(chapter.clauses))) for chapter in self.chapters)
+        return Matrix(tuple(chapter for chapter in chapters if chapter.clauses), self.claims)
 
     def rows(self) -> Iterator[MatrixRow]:
         """All rows, in the order of the text."""

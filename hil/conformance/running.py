@@ -273,7 +273,7 @@ def _named(texts: Iterable[str], own: str | None, options: RunOptions) -> list[s
 def _plugged_spare(
     options: RunOptions,
 ) -> Callable[[Ed25519PrivateKey | None], AbstractContextManager[Bench]] | None:
-    """What opens a fresh device of somebody's own, if there is one for this scheme."""
+    """The function that opens a fresh device, by the scheme's entry point in `SPARES`; None without one."""
     scheme = options.url.partition(":")[0]
     entry = entries(SPARES).get(scheme)
     if entry is None:
@@ -282,9 +282,9 @@ def _plugged_spare(
 
     def spare(key: Ed25519PrivateKey | None) -> AbstractContextManager[Bench]:
         rest = make(key)
-        plugged = [f"{text.partition(':')[0]}:{rest}" for text in (options.capture or NONE, *options.levers)]
-        capture = NONE if plugged[0].startswith(NONE) else plugged[0]
-        return open_bench(replace(options, url=f"{scheme}:{rest}", capture=capture, levers=tuple(plugged[1:])))
+        url, *levers = (f"{text.partition(':')[0]}:{rest}" for text in (options.url, *options.levers))
+        capture = NONE if options.capture in (None, NONE) else f"{options.capture.partition(':')[0]}:{rest}"
+        return open_bench(replace(options, url=url, capture=capture, levers=tuple(levers)))
 
     return spare
 

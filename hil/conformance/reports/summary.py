@@ -112,7 +112,7 @@ def why(result: Result) -> str:
 
 
 def abridged(item: Evidence, most: int = MOST_CHARACTERS) -> Evidence:
-    """A piece of evidence, of which a long text is cut and says so."""
+    """A piece of evidence; a long text is cut, with a note of its length."""
     text = item.text
     return item if len(text) <= most else replace(item, text=f"{text[:most]}… ({len(text)} characters)")
 
