@@ -5,12 +5,11 @@ Time factor e^{-iωt}, outgoing wave e^{+ikr}/r.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ..arguments import check_positive
 from ..geometry import frozen
 from .aperture import Aperture
 from .diffraction import KERNELS
@@ -59,8 +58,7 @@ def slice_field(
     if kernel not in KERNELS:
         raise ValueError(f"unknown kernel {kernel!r}; known are {', '.join(KERNELS)}")
     for name, value in (("z", z), ("extent", extent)):
-        if not 0 < value < math.inf:
-            raise ValueError(f"{name} {value} m must be positive and finite")
+        check_positive(value, name)
     half = int(extent / aperture.pixel / 2 + 1e-9)
     count = 2 * half + 1
     if (count + max(aperture.image.shape)) ** 2 > MAX_SAMPLES:

@@ -46,11 +46,11 @@ def draw_plane(
     what = QUANTITIES[quantity]
     marked = None if points is None else control_points(points)
     values = what.of(field.pressure, field.medium)
-    axes, title = axes_or_new(ax), style.pop("title", None)
+    axes, title = axes_or_new(ax), style.pop("title", f"{what.name} {_where(field.grid)}")
     end = float(values.max()) if largest is None else largest
     look: dict[str, Any] = {"cmap": "inferno", "vmin": 0, "vmax": end or None, "interpolation": "bicubic"}
     image = axes.imshow(values, origin="lower", extent=_edges(field.grid), **look | style)
-    _finish(axes, field.grid, marked, what.name, title)
+    _finish(axes, field.grid, marked, title)
     rows, columns = values.shape
     size, end = fixed_size(axes), image.get_clim()[1] or 0.0
     decibels = end > 0 and (size is None or size[0] >= WIDE)
@@ -80,12 +80,11 @@ def draw_oil(
     """
     surface = oil_surface(field, oil)
     marked = None if points is None else control_points(points)
-    axes, title = axes_or_new(ax), style.pop("title", None)
+    deepest = f"deepest dimple {-surface.min() * MM:.2g} mm"
+    axes, title = axes_or_new(ax), style.pop("title", f"Oil {_where(field.grid)}: {deepest}")
     look: dict[str, Any] = {"cmap": _oil_colours(), "vmin": 0, "vmax": 1, "interpolation": "bicubic"}
     axes.imshow(_lit(surface / field.grid.step), origin="lower", extent=_edges(field.grid), **look | style)
-    _finish(axes, field.grid, marked, "Oil", title, colour="#a8f0ff")
-    if title is None:
-        axes.set_title(f"{axes.get_title()}: deepest dimple {-surface.min() * MM:.2g} mm")
+    _finish(axes, field.grid, marked, title, colour="#a8f0ff")
     return axes
 
 
@@ -122,9 +121,7 @@ def _edges(grid: Grid) -> tuple[float, float, float, float]:
     return left, right, bottom, top
 
 
-def _finish(
-    axes: Axes, grid: Grid, points: ControlPoints | None, name: str, title: str | None, colour: str = "#7fdfff"
-) -> None:
+def _finish(axes: Axes, grid: Grid, points: ControlPoints | None, title: str, colour: str = "#7fdfff") -> None:
     """Add the control points in the plane, the title and the labels of the axes."""
     left, right, bottom, top = _edges(grid)
     if points is not None:
@@ -136,7 +133,6 @@ def _finish(
             axes.legend(loc="upper right", fontsize="small", facecolor="0.15", labelcolor="w", framealpha=0.7)
         axes.set(xlim=(left, right), ylim=(bottom, top))
     names = [grid.coordinates(axis)[0] for axis in (0, 1)]
-    title = f"{name} {_where(grid)}" if title is None else title
     axes.set(title=title, xlabel=f"{names[0]} / mm", ylabel=f"{names[1]} / mm")
 
 

@@ -24,6 +24,7 @@ from ...errors import InputFileError
 from ...extras import install_command
 from ...storage import FilePath, read_file
 from ..archives import read_array, read_arrays
+from ..arguments import check_positive
 from ..contact.mesh import MOST_FACES, Mesh
 from .mesh_files import LARGEST, mesh_of
 
@@ -146,8 +147,8 @@ def read_volume_mesh(
     OSError
         If it cannot be opened.
     """
-    if spacing is not None and not 0 < spacing < math.inf:
-        raise ValueError(f"spacing {spacing} m must be positive and finite")
+    if spacing is not None:
+        check_positive(spacing, "spacing")
     if step < 1:
         raise ValueError(f"step {step} must be at least 1")
     path, tell = Path(path), status or (lambda _said: None)

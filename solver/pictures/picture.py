@@ -44,7 +44,7 @@ def compare_fields(
     """
     from matplotlib import pyplot
 
-    instance_of(fields, Mapping, "fields", 'such as {"wgs": field}')  # type: ignore[type-abstract]
+    instance_of(fields, Mapping, "fields", 'such as {"wgs": field}')  # type: ignore[type-abstract]  # a check only
     if not fields:
         raise ValueError("there are no fields to compare; give at least one")
     if quantity not in QUANTITIES:

@@ -115,7 +115,13 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
         axes = axes_or_new(ax)
         across, up = sorted(np.argsort(-np.ptp(self.positions, axis=0), kind="stable")[:2])
         sizes = 40 * self.amplitudes / self.amplitudes.max()
-        later, title = np.zeros(len(self), np.bool_) if second is None else second, style.pop("title", None)
+        rest = 3 - across - up
+        low, high = (
+            float(bound) * MM + 0.0 for bound in (self.positions[:, rest].min(), self.positions[:, rest].max())
+        )
+        where = f"{low:.4g} mm" if high - low < LEVEL_MM else f"{low:.4g} to {high:.4g} mm"
+        title = style.pop("title", f"{counted(len(self), 'control point')} at {'xyz'[rest]} = {where}")
+        later = np.zeros(len(self), np.bool_) if second is None else second
         for name, colour, drawn in (("first half", "C0", ~later), ("second half", "C1", later)):
             for marker, of in (("o", drawn & (self.amplitudes > 0)), ("x", drawn & (self.amplitudes == 0))):
                 if of.any():
@@ -130,16 +136,7 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
                     axes.scatter(x, y, **look | style)
         if second is not None:
             axes.legend(fontsize="small")
-        rest = 3 - across - up
-        low, high = (
-            float(bound) * MM + 0.0 for bound in (self.positions[:, rest].min(), self.positions[:, rest].max())
-        )
-        where = f"{low:.4g} mm" if high - low < LEVEL_MM else f"{low:.4g} to {high:.4g} mm"
-        axes.set(
-            title=f"{counted(len(self), 'control point')} at {'xyz'[rest]} = {where}" if title is None else title,
-            xlabel=f"{'xyz'[across]} / mm",
-            ylabel=f"{'xyz'[up]} / mm",
-        )
+        axes.set(title=title, xlabel=f"{'xyz'[across]} / mm", ylabel=f"{'xyz'[up]} / mm")
         axes.set_aspect("equal", adjustable="datalim")
         return axes
 
