@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import errno
 import io
-import logging
 import os
 import signal
 import sys
@@ -151,6 +150,9 @@ class Commands(Mapping[str, TyperCommand | TyperGroup]):
     def __getitem__(self, name: str) -> TyperCommand | TyperGroup:
         if name not in self._loaded:
             with loading():
+                import logging  # not for --help, which begins sooner without
+
+                logging.getLogger("phasewire.compiling").setLevel(logging.INFO)  # it tells of its work, in pipes too
                 module = import_module(f".{HOMES[name].module}", __package__)
             group = typer.main.get_group(module.commands)
             command = self._loaded[name] = cast("TyperCommand | TyperGroup", group.commands.get(name, group))
@@ -286,7 +288,6 @@ def run(arguments: Sequence[str]) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a character shows a question mark
-    logging.getLogger("phasewire.compiling").setLevel(logging.INFO)  # it tells what takes its time, in pipes too
     with _heard():
         try:
             command_line()(args=arguments, prog_name="phasewire")

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Annotated
-from warnings import catch_warnings
 
 import typer
 from rich.console import Console
@@ -22,7 +21,7 @@ from ..errors import DeviceError
 from ..host.lines.opening import DEFAULT_URL
 from ..host.playing.device import Device, open_device
 from ..host.playing.envelopes import sine
-from ..host.playing.frames import beginning, differences
+from ..host.playing.frames import beginning, differences, to_pulses
 from ..host.playing.recording import SUFFIX, record
 from ..host.playing.streaming import LOOK_AHEAD_SECONDS, StreamReport
 from ..protocol.board import CARRIER_HZ
@@ -126,7 +125,7 @@ def check_fit(name: str, source: Source, what: Info) -> None:
 
 
 def warn_of_differences(name: str, array: TransducerArray | None, medium: Medium | None, what: Info) -> None:
-    """Warn of the differences between a device and the one for which something of this name was made."""
+    """Warn if the device differs from the one that the named source was made for."""
     for difference in differences(array, medium, what):
         error_console().print(f"warning: {name} was made for something else: {difference}", style="yellow")
 
@@ -187,8 +186,7 @@ def show(
     with open_device(device, calibration=load_calibration(calibration)) as opened:
         check_fit(str(file), source, opened.info)
         warn_of_differences(str(file), source.array, source.medium, opened.info)
-        with catch_warnings(action="ignore"):  # of the same
-            ack = opened.show(source.still)
+        ack = opened.show(to_pulses(source.still, opened.calibration, opened.info.channels))  # pulses are not compared
         message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
         error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"))
         with suppress(KeyboardInterrupt) if forever else nullcontext():
