@@ -44,11 +44,11 @@ class _Notice(event.Listener):
             _log.warning("phasewire compiles its kernels: up to a minute, %s", when)
 
     def on_end(self, event: Any) -> None:
-        """Nothing is said."""
+        """Do nothing; numba requires this method."""
 
 
 _notice = _Notice()
-event.register("numba:compile", _notice)  # type: ignore[no-untyped-call]
+event.register("numba:compile", _notice)  # type: ignore[no-untyped-call]  # numba has no types
 
 
 def kernel(function: Function, **options: Any) -> Function:

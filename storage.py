@@ -124,7 +124,7 @@ def open_plain(path: FilePath) -> BinaryIO:
 class _InPieces(FileIO):
     """A file that returns at most `MOST_AT_ONCE` at once, whatever sizes an archive in it claims.
 
-    Of a member that stands undeflated zipfile then asks for the rest; of a directory it would not, so that this raises.
+    zipfile asks for the rest of an uncompressed member, but not of its directory: a larger one than that is an error.
     """
 
     directory_is_read = False

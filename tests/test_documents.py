@@ -125,7 +125,7 @@ def test_the_workflow_runs_commands_that_exist_and_keeps_what_they_write() -> No
     install, *lines = [step["run"] for step in steps if "run" in step]
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     source = r'python -m pip install "phasewire\[(\w+)\] @ \$(\w+)"'  # it is on no package index yet
-    extra, variable = re.fullmatch(source, install).groups()  # type: ignore[union-attr]
+    extra, variable = re.fullmatch(source, install).groups()  # type: ignore[union-attr]  # None fails, too
     assert extra in extras
     assert workflow["jobs"]["conformance"]["env"][variable].startswith("git+https://")
     assert [understood(line.removeprefix("phasewire ")) for line in lines] == ["doctor", "conformance"]

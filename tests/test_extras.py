@@ -28,7 +28,7 @@ from tests.cli.runner import runner
 def test_an_extra_comes_from_where_phasewire_came(
     origin: dict[str, object] | None, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """PEP 610; a folder of metadata without a record, as in a clone, hides none."""
+    """PEP 610; a folder of metadata without direct_url.json, as a clone has, does not hide that of another."""
     found = [PathDistribution(tmp_path / "phasewire.egg-info"), PathDistribution(tmp_path)]
     if origin is not None:
         (tmp_path / "direct_url.json").write_text(json.dumps(origin))

@@ -25,7 +25,7 @@ def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_a_member_that_stands_undeflated_is_read_in_pieces(tmp_path: Path) -> None:
+def test_an_uncompressed_member_is_read_in_pieces(tmp_path: Path) -> None:
     """However much is asked for at once, such as a recording's samples of some periods."""
     data = bytes(range(256)) * 40_000  # 10 MB
     with ZipFile(tmp_path / "run.sr", "w") as archive:

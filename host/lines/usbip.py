@@ -187,7 +187,7 @@ class UsbIpBackend(Bus[UsbIpHandle]):
         self._held: dict[str, UsbIpDevice] = {}
 
     def enumerate_devices(self) -> Iterator[UsbIpDevice]:
-        """Every device of the server that may be ours, and is ours alone."""
+        """Every device of the server with an interface of ours, attached to this process."""
         self.trouble = ""
         if self._bus_id is None or not self._there(self._bus_id):
             self._attach_all()

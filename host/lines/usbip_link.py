@@ -45,7 +45,7 @@ Reply = TypeVar("Reply")
 SERVER_SECONDS = 10.0
 """For a server to connect and to answer a request."""
 END_SECONDS = 10.0
-"""For cancelled transfers to end; a server that needs longer is left."""
+"""For cancelled transfers to end; a server that needs longer is disconnected."""
 CHUNK_BYTES = 1 << 17
 MOST_REPLY_BYTES = 1 << 20
 
@@ -203,7 +203,7 @@ class Urb:
             raise USBError(f"a transfer ended with status {status}", status, ERRNOS.get(status, errno.EIO))
 
     def free(self) -> None:
-        """Nothing is left of it."""
+        """Do nothing: the link forgets a transfer when it ends."""
 
     def end(self, status: int, actual: int = 0, received: bytes = b"") -> None:
         """Note its end, if that is the first."""
@@ -264,7 +264,7 @@ class UsbIpLink:
             self._outgoing.put(encode_command(Unlink(number, self._device_id, urb.number)))
 
     def cancel(self, urbs: Iterable[Urb]) -> None:
-        """Cancel transfers, and wait for their ends; a server that does not answer is left."""
+        """Cancel transfers, and wait for their ends; a server that does not answer is disconnected."""
         pending = list(urbs)
         for urb in pending:
             urb.cancel()
@@ -311,7 +311,7 @@ def _receive(line: socket.socket, under_way: dict[int, Urb], over: Event, outgoi
             came += data
             while _end_one(came, under_way):
                 pass
-    except (OSError, ValueError, KeyError):  # a server that breaks the protocol is left
+    except (OSError, ValueError, KeyError):  # a server that breaks the protocol is disconnected
         pass
     finally:
         over.set()

@@ -85,7 +85,7 @@ def check_rate(rate: float) -> None:
 def differences(array: TransducerArray | None, medium: Medium | None, what: Info) -> list[str]:
     """The differences between a device and what frames were made for, as far as that is known: they change the field.
 
-    An array of another number of transducers is none of them: its frames are refused.
+    An array with another number of transducers is not reported: its frames are refused anyway.
     """
     found = []
     own = TransducerArray.grid(what.columns, what.rows, what.pitch).positions

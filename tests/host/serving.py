@@ -29,7 +29,7 @@ HISTORY_PERIODS = 4_000
 
 
 class Served:
-    """Emulated devices at a port of USB/IP, the first also at another or a pseudo-terminal; one thread is theirs."""
+    """Emulated devices at a port of USB/IP, the first also at another or a pseudo-terminal; all in one thread."""
 
     def __init__(
         self,

@@ -202,7 +202,7 @@ def test_invalid_mesh_files_are_refused_by_name(name: str, tmp_path: Path) -> No
         read_mesh(path)
 
 
-def test_a_trimesh_that_is_too_old_is_no_damage_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_old_a_trimesh_is_not_called_a_damaged_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path, "stl", exported(SHAPE, "stl"))
     monkeypatch.delattr(trimesh, "load_scene")
     with pytest.raises(MissingExtraError, match=r"reading STL needs .* trimesh, which cannot be used .*load_scene"):
