@@ -95,6 +95,7 @@ static void start(void)
     about.rows = 16;
     about.pitch_um = 10300;
     confirmed = false;
+    usb.was_configured = false; /* by a host of the life before */
     pw_device_begin(&device, &port, &about);
     pw_line_begin(&lines[0], PW_DOOR_LINE(0u), false);
     pw_line_begin(&lines[1], PW_DOOR_LINE(1u), true);
