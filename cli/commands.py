@@ -82,6 +82,9 @@ PANELS = {
             "touch",
             "Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.",
         ),
+        "view": Home(
+            "view", "Show hands, objects, array and field live in 3D, on a page in the browser, and change them there."
+        ),
         "tracker": Home("tracker", "List the sources of hands and which can be used, or watch one and check it."),
     },
     "A device": {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any
@@ -18,9 +19,11 @@ from ..hil.picture import save_end_to_end_picture
 from ..pictures import check_picture_path
 from ..protocol.board import TICK_HZ
 from ..protocol.codes import BLOCK_BYTES
+from ..signals import loading
 from ..solver import Solver, Sphere, TransducerArray
 from ..storage import check_outputs
 from .console import JsonOption, console_for, error_console, write_json
+from .viewing import opened_page
 
 __all__ = ["commands"]
 
@@ -32,6 +35,9 @@ def demo(
     picture: Annotated[
         Path, typer.Option("--picture", metavar="FILE", help="Where to draw the result: .png, .svg or .pdf.")
     ] = Path("demo.png"),
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the result in 3D in the browser too, until the page is closed.")
+    ] = False,
     json_target: JsonOption = None,
 ) -> None:
     """Show the whole path: a sphere on a palm, five emulated boards, pressure.
@@ -95,8 +101,26 @@ def demo(
     seconds = perf_counter() - started
     out.print(f"\n{verdict} ({seconds:.1f} s)", style="bold green" if run.passed else "bold red")
     write_json(json_target, _record(run, strongest, seconds))
+    if view:
+        _show(run, sphere.palm)
     if not run.passed:
         raise typer.Exit(1)
+
+
+def _show(run: EndToEnd, palm: float) -> None:
+    """Show what was captured on a page, until it is closed or Ctrl-C."""
+    with loading():
+        from ..view import Rig, Snapshot, View
+        from ..view.settings import Settings
+        from ..view.tap import BITS
+    rig = Rig(run.solution.array, "phasewire demo", run.capture.wiring)
+    with View(rig, settings=Settings(xy_at=palm), embedded=False) as page, suppress(KeyboardInterrupt):
+        points = run.solution.points
+        strengths = points.amplitudes / points.amplitudes.max()
+        page.show(Snapshot(run.rebuilt[None], origin=BITS, points=np.column_stack([points.positions, strengths])))
+        opened_page(page)
+        error_console().print("It ends when the page is closed, or with Ctrl-C")
+        page.wait_until_left()
 
 
 def _tell_events(progress: Console, emulator: Emulator, run: EndToEnd) -> None:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -45,6 +45,7 @@ from .options import (
 )
 from .points import ArrayOption, files_in, load_array, read_source, shapes_and_files
 from .sources import ARCHIVE, Source, check_options, frames_of, open_file, open_source
+from .viewing import ViewOption, viewed_device, watching
 
 __all__ = ["commands"]
 
@@ -143,10 +144,14 @@ class Meter:
     def __init__(self, console: Console) -> None:
         self._console = console
         self.last: StreamReport | None = None
+        self.watch: Callable[[StreamReport], None] | None = None
+        """Is told of each report too."""
 
     def __call__(self, report: StreamReport) -> None:
         """Replace the report on the line."""
         self.last = report
+        if self.watch is not None:
+            self.watch(report)
         if self._console.is_terminal:
             self._console.control(BACK)
             self._console.print(str(report)[: self._console.width - 1], end="")
@@ -225,6 +230,7 @@ def stream(
     ] = False,
     array: ArrayOption = None,
     calibration: CalibrationOption = None,
+    view: ViewOption = False,
     json_target: JsonOption = None,
 ) -> None:
     """Play frames one after the other at a rate, and leave the outputs off.
@@ -242,15 +248,24 @@ def stream(
     with open_source(source) as what:
         check_options(context, source, what)
         pace = rate or what.rate or RATE
-        with open_device(device, calibration=load_calibration(calibration)) as opened:
+        with ExitStack() as stack:
+            url, emulator = stack.enter_context(viewed_device(device, wanted=view))
+            opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
             check_fit(source, what, opened.info)
             warn_of_differences(source, what.array, what.medium, opened.info)
-            frames = frames_of(what, array_of(opened.info, own), method, spin, pace)
+            transducers = array_of(opened.info, own)
+            frames = frames_of(what, transducers, method, spin, pace)
             most = None if forever else frames_in(what, seconds, pace)
+            if most is not None:
+                frames = beginning(frames, most)
+            watch = stack.enter_context(watching(opened, transducers, emulator, wanted=view))
+            if watch is not None:
+                frames = watch.frames(frames, pace)
+                meter.watch = watch.progress
             told = {"format": "phasewire-stream-1", "device": opened.name, "status": None, "error": None}
             try:
                 opened.stream(
-                    frames if most is None else beginning(frames, most),
+                    frames,
                     pace,
                     look_ahead=look_ahead,
                     envelope=envelope,
@@ -293,6 +308,7 @@ def play(
     method: MethodOption = "wgs",
     array: ArrayOption = None,
     calibration: CalibrationOption = None,
+    view: ViewOption = False,
     json_target: JsonOption = None,
 ) -> None:
     """Play a shape by two-sided modulation, which the device does from its memory.
@@ -306,11 +322,17 @@ def play(
         raise ValueError("--unattended does not wait: --forever and --seconds have no effect with it; leave them out")
     points = read_source(source)
     own, corrected = load_array(array), load_calibration(calibration)
+    if unattended and view:
+        raise ValueError("--unattended does not wait for a page: leave out --view")
     if unattended:
         note_where_fresh(device)
-    opened = open_device(device, calibration=corrected)
-    with leaving_on(opened) if unattended else opened:
-        solution = two_sided(array_of(opened.info, own), points, method=method, frequency=modulation)
+    with ExitStack() as stack:
+        url, emulator = stack.enter_context(viewed_device(device, wanted=view))
+        opened = open_device(url, calibration=corrected)
+        stack.enter_context(leaving_on(opened) if unattended else opened)
+        transducers = array_of(opened.info, own)
+        solution = two_sided(transducers, points, method=method, frequency=modulation)
+        watch = stack.enter_context(watching(opened, transducers, emulator, wanted=view))
         drives, steps = solution.modulation.slots()
         for slot, drive in enumerate(drives):
             opened.store(slot, drive)
@@ -323,8 +345,12 @@ def play(
             f"second, {until}"
         )
         if not unattended:
+            most = math.inf if forever else seconds
             with suppress(KeyboardInterrupt) if forever else nullcontext():
-                opened.keep_playing(math.inf if forever else seconds)
+                if watch is None:
+                    opened.keep_playing(most)
+                else:
+                    watch.play(solution, most, ack.commit_period)
         status = opened.status()
     if not unattended:
         said = "Stopped; the outputs are off."

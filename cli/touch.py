@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
@@ -17,7 +18,7 @@ from rich.segment import ControlType
 from ..errors import DeviceError, DeviceRefusedError, PhasewireError
 from ..host.hands.placing import PlacedHands
 from ..host.hands.pose import Pose
-from ..host.hands.sources import files_of, open_hands
+from ..host.hands.sources import HandSource, files_of, open_hands
 from ..host.lines.opening import DEFAULT_URL
 from ..host.playing.device import Device, open_device
 from ..host.touching.log import TouchLog, log_path
@@ -47,6 +48,7 @@ from .options import (
 )
 from .playing import array_of
 from .points import ArrayOption, load_array
+from .viewing import ViewOption, viewed_device, watching
 
 __all__ = ["commands"]
 
@@ -182,6 +184,7 @@ def touch(
             "measured on this computer with an emulated device: .png, .svg or .pdf.",
         ),
     ] = None,
+    view: ViewOption = False,
     json_target: JsonOption = None,
 ) -> None:
     """Let hands touch objects, and play what they feel; the help above has the details."""
@@ -200,8 +203,9 @@ def touch(
         for repair in thing.mesh.repairs:
             error_console().print(f"warning: {text}: {repair}", style="yellow")
     with ExitStack() as stack:
-        opened = stack.enter_context(open_device(device, calibration=load_calibration(calibration)))
-        source = stack.enter_context(PlacedHands(open_hands(hand, opened.time), placed))
+        url, emulator = stack.enter_context(viewed_device(device, wanted=view))
+        opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
+        source = stack.enter_context(_opened_hands(hand, opened, placed, view))
         for note in source.notes:
             error_console().print(f"warning: {note}", style="yellow")
         transducers = array_of(opened.info, own)
@@ -220,10 +224,13 @@ def touch(
             predict=predict,
             most_points=points,
             rate=rate,
-            on_moment=_each(seen),
+            on_moment=partial(_each, seen),
         )
         with error_console().status("loading"):
             loop.warm_up()
+        watch = stack.enter_context(watching(opened, transducers, emulator, wanted=view))
+        if watch is not None:
+            seen.append(lambda moment: watch.moment(moment, loop))
         error_console().print(f"{source.name} touches {', '.join(objects)} on {opened.name}")
         told = {"format": "phasewire-touch-1", "device": opened.name, "hands": hand, "objects": objects}
         ended: str | None = None
@@ -281,16 +288,19 @@ def _placed_at(things: Sequence[MovingObject], begin: float) -> Sequence[Mesh] |
     return lambda moment: [thing.at(moment - begin) for thing in things]
 
 
-def _each(seen: Sequence[Callable[[TouchMoment], None]]) -> Callable[[TouchMoment], None] | None:
-    """One function for several that observe each moment."""
-    if len(seen) < 2:
-        return seen[0] if seen else None
+def _opened_hands(hand: str, device: Device, placed: Pose | None, view: bool) -> HandSource:
+    """The hands, by the clock of the device, or of this computer if somebody looks."""
+    if not view:
+        return PlacedHands(open_hands(hand, device.time), placed)
+    with loading():
+        from ..view.hands import at_wall_pace
+    return at_wall_pace(PlacedHands(open_hands(hand, time), placed))
 
-    def tell(moment: TouchMoment) -> None:
-        for look in seen:
-            look(moment)
 
-    return tell
+def _each(seen: Sequence[Callable[[TouchMoment], None]], moment: TouchMoment) -> None:
+    """Tell everyone who observes of a moment."""
+    for look in seen:
+        look(moment)
 
 
 def _tell(out: Console, report: TouchReport) -> None:

@@ -20,7 +20,7 @@ from ..storage import FilePath, read_toml
 from .faults import FAULTS, InjectedFault
 from .faults.fault import limits
 
-__all__ = ["read_scenario"]
+__all__ = ["fault_of", "read_scenario"]
 
 LIST, NAME = "fault", "name"
 
@@ -43,10 +43,17 @@ def read_scenario(path: FilePath) -> tuple[InjectedFault, ...]:
         )
     if not isinstance(entries, list):
         raise InputFileError(f"{path}: {LIST!r} is no list; each fault begins with [[{LIST}]]")
-    return tuple(_fault(f"{path}, fault {number}", entry) for number, entry in enumerate(entries, start=1))
+    return tuple(fault_of(f"{path}, fault {number}", entry) for number, entry in enumerate(entries, start=1))
 
 
-def _fault(where: str, entry: Mapping[str, Any]) -> InjectedFault:
+def fault_of(where: str, entry: Mapping[str, Any]) -> InjectedFault:
+    """The fault that an entry describes: its name and its fields.
+
+    Raises
+    ------
+    InputFileError
+        If it is no fault; ``where`` says where the entry stands.
+    """
     if not isinstance(entry, Mapping):
         raise InputFileError(f"{where}: {entry!r} is no table; each fault begins with [[{LIST}]]")
     if NAME not in entry:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...protocol.quantise import PulseFrames, quantise
 from ...solver import ControlPoints, TransducerArray, TwoSidedSolver
@@ -32,6 +33,8 @@ class PoseSolver:
     ) -> None:
         self._solver = TwoSidedSolver(array, method, frequency=frequency)
         self._calibration = calibration
+        self.gains: NDArray[np.float32] | None = None
+        """(n,) from 0 to 1: by how much each transducer's drive is turned down; None for not at all."""
 
     def solve(self, fading: Fading) -> PulseFrames:
         """The fields of one pose, (2, n), from at least one point.
@@ -46,6 +49,8 @@ class PoseSolver:
         """
         points = ControlPoints.trusted(fading.positions, fading.amplitudes * fading.levels)
         drives = self._solver.solve(points, fading.ids).drives * np.float32(fading.levels.max())
+        if self.gains is not None:
+            drives = drives * self.gains
         return quantise(drives if self._calibration is None else self._calibration.apply(drives))
 
     def forget(self) -> None:

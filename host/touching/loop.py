@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import DeviceError, DeviceRefusedError, TrackerError
+from ...protocol.board import CARRIER_HZ
 from ...protocol.codes import Reason
 from ...protocol.quantise import PulseFrames
 from ...solver import TransducerArray
@@ -189,6 +190,20 @@ class TouchLoop:
     def report(self) -> TouchReport:
         """As it stands."""
         return self._tally.report(self._clock.monotonic() - self._begin, self._turns)
+
+    @property
+    def half_periods(self) -> int:
+        """How many carrier periods each of the two fields plays."""
+        return round(CARRIER_HZ / (2 * self._turns.frequency))
+
+    def turn_down(self, gains: NDArray[np.float32]) -> None:
+        """From the next pose on, drive each transducer by a part of what was solved, (n,) from 0 to 1; 0 silences it.
+
+        Any thread may call it.
+        """
+        if gains.shape != (len(self._array),) or not ((gains >= 0) & (gains <= 1)).all():
+            raise ValueError(f"gains must be {len(self._array)} numbers from 0 to 1")
+        self._fields.gains = gains
 
     def run(self, seconds: float = inf, on_progress: Callable[[TouchReport], None] | None = None) -> TouchReport:
         """Play until the source ends, or for so many seconds by the device's clock.

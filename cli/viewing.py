@@ -1,0 +1,74 @@
+"""The option ``--view``, for commands that play: what they play is seen in the browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..host.playing.device import Device
+from ..signals import loading
+from ..solver import TransducerArray
+from .console import error_console
+from .options import is_fresh
+
+if TYPE_CHECKING:
+    from ..emulator import Emulator
+    from ..view.view import View
+    from ..view.watching import Watch
+
+__all__ = ["ViewOption", "opened_page", "viewed_device", "watching"]
+
+ViewOption = Annotated[
+    bool,
+    typer.Option(
+        "--view",
+        help="Show it in the browser, at the pace of the wall clock. The page can stop it; so does closing the page.",
+    ),
+]
+
+
+@contextmanager
+def viewed_device(url: str, *, wanted: bool = True) -> Iterator[tuple[str, Emulator | None]]:
+    """The URL of a device, and its emulator if it is a fresh one that is to be seen.
+
+    That one forgets what is older than a page shows.
+    """
+    if not (wanted and is_fresh(url) and "?" not in url):
+        yield url, None
+        return
+    with loading():
+        from ..emulator import Emulator
+        from ..protocol.board import CARRIER_HZ
+        from ..view.past import PAST_SECONDS
+    with Emulator(history_periods=(PAST_SECONDS + 1) * CARRIER_HZ) as emulator:
+        yield emulator.url, emulator
+
+
+@contextmanager
+def watching(
+    device: Device, array: TransducerArray, emulator: Emulator | None, *, wanted: bool
+) -> Iterator[Watch | None]:
+    """A watch over a device whose page is open, None if it is not wanted."""
+    if not wanted:
+        yield None
+        return
+    with loading():
+        from ..view.watching import Watch
+    with Watch(device, array, emulator) as watch:
+        watch.view.warm_up()
+        opened_page(watch.view)
+        if not watch.wait_for_page():
+            error_console().print("No page was opened; it goes on without one", style="yellow")
+        yield watch
+
+
+def opened_page(view: View, *, browser: bool = True) -> None:
+    """Print the link of a page, and open it in the user's browser if that is wanted."""
+    with loading():
+        from ..view.browser import open_page
+    error_console().print(f"The page is at {view.url}")
+    if browser and not open_page(view):
+        error_console().print("No browser could be opened; open the link in one")

@@ -1,0 +1,126 @@
+"""Images of planes against the sum over all transducers, in their values and in their place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from phasewire import ControlPoints, Modulation, TransducerArray, intensity, pressure, solve
+from phasewire.solver import intensity_component
+from phasewire.solver.fields.quantities import sound_pressure_level
+from phasewire.view.painting import PLANES, QUANTITIES, Painted, Painter
+from phasewire.view.settings import Settings
+from phasewire.view.snapshot import Rig, Snapshot
+
+ARRAY = TransducerArray.grid()
+FOCUS = (0.03, -0.05, 0.18)
+DRIVE = solve(ARRAY, ControlPoints([FOCUS])).drive
+OTHER = solve(ARRAY, ControlPoints([(-0.04, 0.02, 0.15)])).drive
+BOTH = Snapshot(np.stack([DRIVE, OTHER]))
+
+
+def places(image: Painted) -> NDArray[np.float64]:
+    """Where the samples of an image are, as a page takes it, (rows, columns, 3)."""
+    rows, columns = image.levels.shape
+    along = np.linspace(0, 1, columns)[:, None] * image.u
+    return np.asarray(image.corner + np.linspace(0, 1, rows)[:, None, None] * image.v + along)
+
+
+def paint(snapshot: Snapshot, array: TransducerArray = ARRAY, **values: Any) -> tuple[list[Painted], dict[str, Any]]:
+    return Painter(Rig(array)).paint(snapshot, Settings(**values))
+
+
+@pytest.mark.parametrize("name", PLANES)
+@pytest.mark.parametrize("array", [ARRAY, ARRAY.rotated(7, (1, 0, 0))], ids=["flat", "tilted"])
+@settings(max_examples=5)
+@given(at=st.floats(0.1, 0.2), seed=st.integers(0, 2**32 - 1))
+def test_every_sample_is_the_sum_over_the_transducers(name: str, array: TransducerArray, at: float, seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    drive = generator.uniform(0, 1, 320) * np.exp(2j * np.pi * generator.uniform(0, 1, 320))
+    chosen = {plane: plane == name for plane in PLANES} | {f"{name}_at": at}
+    [image], scale = paint(Snapshot(drive[None]), array, **chosen)
+    direct = np.abs(pressure(array, drive, places(image).reshape(-1, 3))).reshape(image.levels.shape)
+    assert min(image.levels.shape) >= 100
+    np.testing.assert_allclose(image.levels * (scale["largest"] / 255), direct, atol=1.01 * scale["largest"] / 255)
+
+
+@pytest.mark.parametrize("name", PLANES)
+def test_a_focus_is_where_it_was_asked_for(name: str) -> None:
+    fixed = {"xy": 2, "xz": 1, "yz": 0}[name]
+    [image], _ = paint(
+        Snapshot(DRIVE[None]), **{plane: plane == name for plane in PLANES}, **{f"{name}_at": FOCUS[fixed]}
+    )
+    brightest = places(image)[np.unravel_index(image.levels.argmax(), image.levels.shape)]
+    np.testing.assert_allclose(brightest[:2], FOCUS[:2], atol=4e-3)
+    assert brightest[2] == pytest.approx(FOCUS[2], abs=0.02)  # along the beam it is long
+
+
+def test_phases_go_round_once() -> None:
+    [image], scale = paint(Snapshot(DRIVE[None]), quantity="phase", xy_at=FOCUS[2])
+    direct = np.angle(pressure(ARRAY, DRIVE, places(image).reshape(-1, 3))).reshape(image.levels.shape)
+    difference = (image.levels * (2 * np.pi / 256) - direct + np.pi) % (2 * np.pi) - np.pi
+    strong = np.abs(pressure(ARRAY, DRIVE, places(image).reshape(-1, 3))).reshape(image.levels.shape) > 20
+    assert np.abs(difference[strong]).max() < 2 * np.pi / 128
+    assert (scale["largest"], scale["unit"], scale["cyclic"]) == (360.0, "°", True)
+
+
+def test_what_is_felt_is_the_component_at_the_frequency_of_the_turns() -> None:
+    """Against the solver's own sum over the samples of the modulation, which is of |p|² and so lacks 1/(2ρc)."""
+    [image], scale = paint(BOTH, quantity="felt", xy_at=0.17)
+    at = places(image).reshape(-1, 3)
+    modulation = Modulation.two_sided(DRIVE, OTHER, 200.0)
+    component = intensity_component(ARRAY, modulation, at)
+    per_pascal2 = float(intensity(1.0))
+    wanted = (component * per_pascal2).reshape(image.levels.shape)
+    np.testing.assert_allclose(image.levels * (scale["largest"] / 255), wanted, atol=1.05 * scale["largest"] / 255)
+
+
+def test_one_field_alone_changes_nothing_that_is_felt() -> None:
+    [image], _ = paint(Snapshot(DRIVE[None]), quantity="felt")
+    assert not image.levels.any()
+
+
+@pytest.mark.parametrize(("quantity", "reduce"), [("pressure", np.max), ("intensity", np.mean)])
+def test_of_two_fields_the_stronger_pressure_and_the_mean_intensity_are_shown(quantity: str, reduce: Any) -> None:
+    of = {"pressure": np.abs, "intensity": intensity}[quantity]
+    [image], scale = paint(BOTH, quantity=quantity, xy_at=0.17)
+    at = places(image).reshape(-1, 3)
+    wanted = reduce([of(pressure(ARRAY, drive, at)) for drive in BOTH.drives], axis=0).reshape(image.levels.shape)
+    np.testing.assert_allclose(image.levels * (scale["largest"] / 255), wanted, atol=1.05 * scale["largest"] / 255)
+
+
+def test_the_scale_is_a_round_number_above_all_that_was_shown_or_the_users() -> None:
+    painter = Painter(Rig(ARRAY))
+    _, loud = painter.paint(Snapshot(DRIVE[None]), Settings(xy_at=FOCUS[2]))
+    _, quiet = painter.paint(Snapshot(0.1 * DRIVE[None]), Settings(xy_at=FOCUS[2]))
+    assert loud["largest"] == quiet["largest"]
+    mantissa = float(f"{loud['largest']:e}".split("e")[0])
+    assert mantissa in (1, 1.5, 2, 3, 5, 7)
+    _, own = painter.paint(Snapshot(DRIVE[None]), Settings(scale=1234.0))
+    assert own["largest"] == 1234.0
+
+
+def test_every_quantity_can_be_painted_in_silence() -> None:
+    for quantity in QUANTITIES:
+        images, scale = paint(Snapshot(np.zeros((2, 320))), quantity=quantity, xz=True, yz=True)
+        assert [image.name for image in images] == list(PLANES)
+        assert not any(image.levels.any() for image in images)
+        assert scale["largest"] > 0
+
+
+def test_a_place_tells_pascals_decibels_and_phase_of_each_field() -> None:
+    probed = Painter(Rig(ARRAY)).probe(BOTH, FOCUS)
+    values = [pressure(ARRAY, drive, [FOCUS])[0] for drive in BOTH.drives]
+    np.testing.assert_allclose(probed.pascals, np.abs(values), rtol=1e-4)
+    np.testing.assert_allclose(probed.decibels, sound_pressure_level(np.array(values)), atol=1e-3)
+    np.testing.assert_allclose(np.exp(1j * np.deg2rad(probed.degrees)), np.exp(1j * np.angle(values)), atol=1e-3)
+
+
+def test_a_plane_through_transducers_is_refused() -> None:
+    standing = ARRAY.rotated(90, (1, 0, 0))
+    with pytest.raises(ValueError, match="from transducer"):
+        paint(BOTH, standing, xy_at=0.03)

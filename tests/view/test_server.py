@@ -1,0 +1,280 @@
+"""The server against clients that are slow, silent, strange or hostile."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from phasewire.view import server as module
+from phasewire.view.messages import MOST_COMMAND_BYTES, encode
+from phasewire.view.server import PageServer
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from .pages import PATIENCE, Page, address, page_of
+
+
+class Heard:
+    """What the server told its owner."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+        self.gone = threading.Event()
+
+
+@contextmanager
+def serving(**options: Any) -> Iterator[tuple[PageServer, Heard]]:
+    heard = Heard()
+    server = PageServer(on_message=heard.texts.append, on_gone=heard.gone.set, **options)
+    server.start()
+    try:
+        yield server, heard
+    finally:
+        server.close()
+
+
+@pytest.fixture
+def served() -> Iterator[tuple[PageServer, Heard]]:
+    with serving() as both:
+        yield both
+
+
+def until(holds: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def ended(page: Page) -> bool:
+    """Whether the server ends the connection of a page."""
+    try:
+        while True:
+            page.socket.recv(timeout=PATIENCE)
+    except ConnectionClosed:
+        return True
+
+
+def get(url: str, path: str, **headers: str) -> http.client.HTTPResponse:
+    host, _ = address(url)
+    connection = http.client.HTTPConnection(host, timeout=PATIENCE)
+    connection.request("GET", path, headers=headers)
+    response = connection.getresponse()
+    response.body = response.read()  # type: ignore[attr-defined]
+    return response
+
+
+def frame(number: int) -> bytes:
+    return encode("frame", {"number": number})
+
+
+def test_the_page_and_what_draws_come_from_here_and_may_load_nothing_else(served: tuple[PageServer, Heard]) -> None:
+    url = served[0].url
+    for path in module.SOURCES:
+        response = get(url, path)
+        assert response.status == 200
+        assert response.body  # type: ignore[attr-defined]
+        policy = {
+            rule.split()[0]: rule.split()[1:] for rule in response.getheader("Content-Security-Policy", "").split(";")
+        }
+        assert policy["default-src"] == ["'none'"]
+        assert policy["script-src"] == policy["style-src"] == ["'self'"]
+        assert policy["frame-ancestors"] == ["'none'"]
+        assert response.getheader("X-Content-Type-Options") == "nosniff"
+        assert b"http" not in (response.body if path in ("/", "/page.css") else b"")  # type: ignore[attr-defined]
+    assert get(url, "/three.js").body.count(b"InstancedMesh")  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    "path", ["/page", "/../server.py", "/page/index.html", "/%2e%2e/server.py", "//etc/passwd", "/ws2"]
+)
+def test_there_is_nothing_else(served: tuple[PageServer, Heard], path: str) -> None:
+    assert get(served[0].url, path).status == 404
+
+
+def test_it_listens_on_this_computer_only(served: tuple[PageServer, Heard]) -> None:
+    host, _ = address(served[0].url)
+    assert host.startswith("127.0.0.1:")
+    with pytest.raises(OSError, match=r"127\.0\.0\.1"), serving(port=int(host.rpartition(":")[2])):
+        pass
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "localhost.evil.example:{port}"]
+)
+def test_another_host_gets_nothing(served: tuple[PageServer, Heard], host: str) -> None:
+    port = address(served[0].url)[0].rpartition(":")[2]
+    assert get(served[0].url, "/", Host=host.format(port=port)).status == 403
+
+
+@pytest.mark.parametrize(
+    ("origin", "token"),
+    [
+        ("http://evil.example", None),
+        ("null", None),
+        ("https://{host}", None),
+        (None, None),
+        ("http://{host}", ""),
+        ("http://{host}", "x" * 22),
+        ("http://{host}", "ü"),
+    ],
+)
+def test_a_foreign_origin_or_a_wrong_token_opens_no_socket(
+    served: tuple[PageServer, Heard], origin: str | None, token: str | None
+) -> None:
+    host, right = address(served[0].url)
+    said = None if origin is None else origin.format(host=host)
+    with pytest.raises(InvalidStatus) as refused:
+        connect(f"ws://{host}/ws?token={right if token is None else token}", origin=said, proxy=None)  # type: ignore[arg-type]
+    assert refused.value.response.status_code == 403
+    assert not served[0].seen.is_set()
+
+
+def test_localhost_is_this_computer_too(served: tuple[PageServer, Heard]) -> None:
+    host, token = address(served[0].url)
+    named = host.replace("127.0.0.1", "localhost")
+    with connect(f"ws://{named}/ws?token={token}", origin=f"http://{named}", proxy=None):  # type: ignore[arg-type]
+        until(lambda: served[0].pages == 1)
+
+
+def test_kept_messages_come_first_and_to_everyone(served: tuple[PageServer, Heard]) -> None:
+    server, _ = served
+    server.keep("setup", encode("setup", {"number": 1}))
+    server.publish(frame(0))  # nobody is there: it is dropped
+    with page_of(server.url) as first:
+        assert first.receive()["number"] == 1
+        server.keep("setup", encode("setup", {"number": 2}))
+        assert first.receive()["number"] == 2
+        with page_of(server.url) as second:
+            assert second.receive()["number"] == 2
+            server.publish(frame(3))
+            assert [page.frame()["number"] for page in (first, second)] == [3, 3]
+
+
+def test_a_slow_page_gets_the_newest_frame_only(served: tuple[PageServer, Heard]) -> None:
+    server, _ = served
+    with page_of(server.url) as page:
+        assert server.wanted.wait(PATIENCE)
+        server.publish(frame(0))
+        data = page.socket.recv(timeout=PATIENCE)
+        assert b'"number":0' in bytes(data)  # type: ignore[arg-type]
+        for number in range(1, 50):
+            server.publish(frame(number))
+        until(lambda: not server.wanted.is_set())
+        page.socket.send("ack")
+        assert page.frame()["number"] == 49
+        assert server.wanted.wait(PATIENCE)
+
+
+def test_a_page_that_never_answers_is_lost_and_the_others_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "PATIENCE_SECONDS", 0.3)
+    with serving() as (server, heard), page_of(server.url) as hung, page_of(server.url) as alive:
+        until(lambda: server.pages == 2)
+        number = 0
+        while server.pages == 2:
+            server.publish(frame(number))
+            assert alive.frame()["number"] >= 0
+            number += 1
+        assert ended(hung)
+        assert not heard.gone.is_set()
+        server.publish(frame(-1))
+        alive.until(lambda message: message["number"] == -1)
+
+
+def test_whoever_publishes_never_waits_for_a_page_that_does_not_read(served: tuple[PageServer, Heard]) -> None:
+    """The page takes nothing from its socket: frames of a hundred times its buffers are published all the same."""
+    server, _ = served
+    host, token = address(server.url)
+    name, port = host.split(":")
+    with socket.create_connection((name, int(port))) as raw:
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        raw.sendall(
+            f"GET /ws?token={token} HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n"
+            "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n".encode()
+        )
+        until(lambda: server.pages == 1)
+        large = encode("frame", {"filler": "x" * 2**20})
+        for _ in range(100):
+            server.publish(large)
+        server.close()  # ends, although the page still holds its connection
+
+
+def test_the_owner_hears_texts_and_that_the_last_page_has_gone(served: tuple[PageServer, Heard]) -> None:
+    server, heard = served
+    with page_of(server.url) as first:
+        with page_of(server.url) as second:
+            second.do("stop")
+            until(lambda: heard.texts == ['{"do": "stop"}'])
+        until(lambda: server.pages == 1)
+        assert not heard.gone.is_set()
+        first.set(xz=True)
+        until(lambda: len(heard.texts) == 2)
+    assert heard.gone.wait(PATIENCE)
+
+
+def test_a_cut_line_counts_as_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page's computer vanishes: nothing comes any more, not even the end of the connection."""
+    monkeypatch.setattr(module, "PING_SECONDS", 0.1)
+    monkeypatch.setattr(module, "PATIENCE_SECONDS", 0.3)
+    with serving() as (server, heard), page_of(server.url) as page:
+        until(lambda: server.pages == 1)
+        page.socket.protocol.receive_data = lambda data: None  # type: ignore[method-assign, assignment]
+        assert heard.gone.wait(PATIENCE)
+
+
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(garbage=st.lists(st.binary(max_size=200) | st.text(max_size=200), max_size=5))
+def test_garbage_reaches_the_owner_as_text_or_nobody(
+    served: tuple[PageServer, Heard], garbage: list[bytes | str]
+) -> None:
+    server, heard = served
+    before = len(heard.texts)
+    with page_of(server.url) as page:
+        for each in garbage:
+            page.socket.send(each)
+        page.socket.send("the end")
+        until(lambda: heard.texts[-1:] == ["the end"])
+    assert heard.texts[before:-1] == [each for each in garbage if isinstance(each, str) and each != "ack"]
+    until(lambda: server.pages == 0)
+    heard.texts.clear()
+
+
+def test_a_text_that_is_too_long_ends_the_connection(served: tuple[PageServer, Heard]) -> None:
+    server, heard = served
+    with page_of(server.url) as page:
+        page.socket.send("x" * (MOST_COMMAND_BYTES + 1))
+        assert ended(page)
+    assert heard.gone.wait(PATIENCE)
+    assert heard.texts == []
+
+
+def test_pictures_are_taken_only_if_they_were_asked_for() -> None:
+    for saving in (True, False):
+        with serving(saving=saving) as (server, _), page_of(server.url) as page:
+            page.socket.send(b"picture")
+            page.socket.ping().wait(PATIENCE)
+            assert server.saved == ([b"picture"] if saving else [])
+
+
+def test_a_notebook_of_this_computer_may_frame_an_embedded_page() -> None:
+    with serving(embedded=True) as (server, _):
+        policy = get(server.url, "/").getheader("Content-Security-Policy", "")
+        assert "frame-ancestors http://localhost:* http://127.0.0.1:*" in policy
+
+
+def test_everywhere_means_addresses_and_the_computers_name_but_no_other() -> None:
+    with serving(listen="0.0.0.0") as (server, _):
+        port = address(server.url)[0].rpartition(":")[2]
+        for host, status in (("127.0.0.1", 200), ("10.1.2.3", 200), (socket.gethostname(), 200), ("evil.example", 403)):
+            response = http.client.HTTPConnection("127.0.0.1", int(port), timeout=PATIENCE)
+            response.request("GET", "/", headers={"Host": f"{host}:{port}"})
+            assert response.getresponse().status == status

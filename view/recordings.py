@@ -1,0 +1,186 @@
+"""Recordings as tapes for a view: of `stream` and `record`, and of `touch`."""
+
+from __future__ import annotations
+
+import json
+import time
+from base64 import b64decode
+from bisect import bisect_right
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputFileError
+from ..host.hands.recording import SUFFIX as HANDS
+from ..host.hands.recording import HandRecording
+from ..host.playing.recording import SUFFIX as FRAMES
+from ..host.playing.recording import Recording
+from ..host.touching.log import LOG_SUFFIX as TOUCH
+from ..protocol.board import CARRIER_HZ
+from ..protocol.pulses import Pulses
+from ..solver import TransducerArray
+from ..solver.contact.hand import Hand
+from ..storage import open_plain
+from .settings import Settings
+from .snapshot import Rig, Snapshot
+from .view import View
+
+__all__ = ["TAPES", "RecordedTape", "open_tape"]
+
+TAPES = (FRAMES, TOUCH, HANDS)
+"""Suffixes of recordings that can be shown."""
+MOST_MOMENTS = 100_000
+"""That are read of a recording of touch: a quarter of an hour at 110 frames a second."""
+MOST_LINE_BYTES = 2**20
+TICK_SECONDS = 1 / 30
+
+
+class RecordedTape:
+    """Snapshots of a recording, by carrier periods from its beginning.
+
+    Parameters
+    ----------
+    rig : Rig
+        The array for which it was made.
+    times : sequence of float
+        Of each moment in seconds, never decreasing, the first at 0.
+    moment : callable
+        From the number of a moment to what there is to see then; its period is set here.
+    """
+
+    def __init__(self, rig: Rig, times: Any, moment: Callable[[int], dict[str, Any]]) -> None:
+        self.rig, self._moment = rig, moment
+        self._periods = [round(each * CARRIER_HZ) for each in times]
+        self.settings = Settings(at=0, quantity="pressure")
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """Its first and its last period."""
+        return 0, self._periods[-1]
+
+    def at(self, period: int) -> Snapshot:
+        """The moment of a period, or the last one before it."""
+        number = max(bisect_right(self._periods, period) - 1, 0)
+        return Snapshot(period=period, state="recording", origin="recorded pulses", **self._moment(number))
+
+    def run(self, view: View, over: Callable[[], bool]) -> None:
+        """Let a view play it at its own pace, again and again, whenever its settings say that it runs."""
+        last = time.monotonic()
+        while not over():
+            time.sleep(TICK_SECONDS)
+            now = time.monotonic()
+            if view.settings.running:
+                at = (view.settings.at or 0) + round((now - last) * CARRIER_HZ)
+                view.settle(at=at if at <= self.span[1] else 0)
+            last = now
+
+
+@contextmanager
+def open_tape(path: Path, array: TransducerArray | None = None) -> Iterator[RecordedTape]:
+    """Open a recording to be shown, while the block lasts.
+
+    Parameters
+    ----------
+    path : Path
+        With one of the suffixes `TAPES`. The hands of a ``.touch`` file are read from the ``.hands`` file beside it.
+    array : TransducerArray, optional
+        Of a recording of touch, which does not name it; the default grid by default.
+
+    Raises
+    ------
+    InputFileError
+        If the file is damaged, or holds nothing.
+    OSError
+        If it cannot be opened.
+    """
+    suffix = path.suffix.lower()
+    if suffix == FRAMES:
+        with Recording.open(path) as recording:
+            if not len(recording):
+                raise InputFileError(f"{path} holds no frame")
+            yield _of_frames(path, recording)
+        return
+    rig = Rig(array or TransducerArray.grid(), path.name)
+    hands = path.with_suffix(HANDS)
+    seen = _read_hands(hands) if hands.is_file() else []
+    played = _read_touch(path, len(rig.array)) if suffix == TOUCH else []
+    if not seen and not played:
+        raise InputFileError(f"{path} holds no hands and no pulses")
+    yield _of_touch(rig, seen, played)
+
+
+def _of_frames(path: Path, recording: Recording) -> RecordedTape:
+    rig = Rig(recording.array, path.name, calibration=recording.calibration, medium=recording.medium)
+
+    def moment(number: int) -> dict[str, Any]:
+        return {"drives": recording.read(number, number + 1).pulses(0).to_drive()[None]}
+
+    return RecordedTape(rig, np.arange(len(recording)) / recording.rate, moment)
+
+
+def _of_touch(
+    rig: Rig, seen: list[tuple[float, tuple[Hand, ...]]], played: list[tuple[float, dict[str, Any]]]
+) -> RecordedTape:
+    times = sorted({each for each, _ in seen} | {each for each, _ in played})
+    silent = {"drives": np.zeros((1, len(rig.array)))}
+
+    def moment(number: int) -> dict[str, Any]:
+        hands, pulses = _last(seen, times[number]), _last(played, times[number])
+        return (silent if pulses is None else pulses) | {"hands": hands or ()}
+
+    return RecordedTape(rig, times, moment)
+
+
+def _last(items: list[tuple[float, Any]], moment: float) -> Any:
+    """The last item that is not after a moment; None if there is none."""
+    number = bisect_right(items, moment, key=lambda item: item[0])
+    return items[number - 1][1] if number else None
+
+
+def _read_hands(path: Path) -> list[tuple[float, tuple[Hand, ...]]]:
+    found = []
+    with HandRecording.open(path) as recording:
+        for frame in recording:
+            found.append((frame.time, tuple(tracked.hand for tracked in frame.hands)))
+            if len(found) == MOST_MOMENTS:
+                break
+    origin = found[0][0] if found else 0.0
+    return [(moment - origin, hands) for moment, hands in found]
+
+
+def _read_touch(path: Path, transducers: int) -> list[tuple[float, dict[str, Any]]]:
+    """What was played, line by line, up to the last whole one."""
+    found: list[tuple[float, dict[str, Any]]] = []
+    with open_plain(path) as file:
+        for number in range(1, MOST_MOMENTS + 2):
+            line = file.readline(MOST_LINE_BYTES)
+            if not line.endswith(b"\n"):
+                break
+            try:
+                record = json.loads(line)
+                if number == 1:
+                    if record.get("format") != "phasewire-touch-log-1":
+                        raise ValueError("it does not say that it is a phasewire-touch-log-1")
+                    continue
+                moment = _played(record, transducers)
+                if found and moment[0] < found[-1][0]:
+                    raise ValueError(f"its time, {moment[0]} s, is before that of the line before it")
+            except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+                raise InputFileError(f"{path}, line {number}: {error}") from error
+            found.append(moment)
+    return found
+
+
+def _played(record: dict[str, Any], transducers: int) -> tuple[float, dict[str, Any]]:
+    phase, width = (
+        np.frombuffer(b64decode(record[name]), np.uint8).reshape(2, transducers) for name in ("phase", "width")
+    )
+    drives = np.stack([Pulses(*rows).to_drive() for rows in zip(phase, width, strict=True)]).astype(np.complex64)
+    positions, amplitudes = np.array(record["positions"], float).reshape(-1, 3), np.array(record["amplitudes"], float)
+    points = np.column_stack([positions, amplitudes])
+    if not np.isfinite(points).all():
+        raise ValueError("its points must be finite")
+    return float(record["time"]), {"drives": drives, "points": points, "ids": np.array(record["ids"], np.int64)}

@@ -1,0 +1,333 @@
+"""The server of the page: a thread of its own, which holds up nobody.
+
+Each page gets every kept message, in order, and of frames the newest one only, when it has taken in the last
+(`messages.ACK`). A page that does not answer for `PATIENCE_SECONDS` is taken for lost. Whoever asks must know the
+token, and name this server as the host and, in a browser, as the origin: a page of a stranger, or a name that a
+stranger has pointed to this computer, gets nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import http
+import ipaddress
+import secrets
+import socket
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import cache
+from importlib.resources import files
+from threading import Event, Thread
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from .messages import ACK, MOST_COMMAND_BYTES
+
+__all__ = ["LOOPBACK", "PATIENCE_SECONDS", "PageServer"]
+
+LOOPBACK = "127.0.0.1"
+EVERYWHERE = ("0.0.0.0", "::")
+PATIENCE_SECONDS = 5.0
+PING_SECONDS = 1.0
+MOST_SAVED_BYTES = 2**28
+SOCKET = "/ws"
+THREE = ("jupyter_threejs_sage", "static/r130/three.min.js")
+"""three.js as SageMath packages it: a script of one file, with the controls of a camera."""
+SOURCES: Mapping[str, tuple[tuple[str, str], str]] = {
+    "/": ((__package__, "page/index.html"), "text/html"),
+    "/page.css": ((__package__, "page/page.css"), "text/css"),
+    "/page.js": ((__package__, "page/page.js"), "text/javascript"),
+    "/scene.js": ((__package__, "page/scene.js"), "text/javascript"),
+    "/three.js": (THREE, "text/javascript"),
+}
+
+
+class _Client:
+    """One page."""
+
+    def __init__(self, kept: Mapping[str, bytes]) -> None:
+        self.wake = asyncio.Event()
+        self.pending = dict(kept)
+        """Kept messages that it has not got."""
+        self.frame: bytes | None = None
+        self.patient_until: float | None = None
+        """Until when it may take in the last frame; None if it has."""
+        self.wake.set()
+
+
+class PageServer:
+    """Serves the page and its frames.
+
+    Parameters
+    ----------
+    listen : str
+        The address to listen at.
+    port : int
+        0 for any that is free.
+    on_message : callable
+        Is called in the server's thread with each text from a page.
+    on_gone : callable
+        Is called there when the last page has gone.
+    embedded : bool
+        Whether another page of this computer, such as a notebook, may show it in a frame.
+    saving : bool
+        Whether a page may send a picture.
+
+    Attributes
+    ----------
+    wanted : threading.Event
+        Is set while a page waits for a frame.
+    saved : list of bytes
+        Pictures that pages have sent.
+    """
+
+    def __init__(
+        self,
+        *,
+        listen: str = LOOPBACK,
+        port: int = 0,
+        on_message: Callable[[str], None],
+        on_gone: Callable[[], None],
+        embedded: bool = False,
+        saving: bool = False,
+    ) -> None:
+        self._listen, self._port = listen, port
+        self._on_message, self._on_gone = on_message, on_gone
+        self._embedded, self._saving = embedded, saving
+        self._token = secrets.token_urlsafe(16)
+        self._kept: dict[str, bytes] = {}
+        self._clients: set[_Client] = set()
+        self._loop = asyncio.new_event_loop()
+        self._stopped = asyncio.Event()
+        self._started = Event()
+        self._failure: OSError | None = None
+        self._thread = Thread(target=self._run, name="phasewire view server", daemon=True)
+        self.wanted = Event()
+        self.seen = Event()
+        """Is set when the first page has come."""
+        self.saved: list[bytes] = []
+        self.received = Event()
+        """Is set when a picture has come."""
+
+    def start(self) -> None:
+        """Listen, in a thread of its own; raises `OSError` if the address cannot be used."""
+        self._thread.start()
+        self._started.wait()
+        if self._failure is not None:
+            raise OSError(
+                self._failure.errno,
+                f"nothing can listen there: {self._failure.strerror}",
+                f"{self._listen}:{self._port}",
+            ) from self._failure
+
+    def close(self) -> None:
+        """End the server, and with it the connections of all pages."""
+        if self._thread.is_alive():
+            with suppress(RuntimeError):  # it ended in between
+                self._loop.call_soon_threadsafe(self._stopped.set)
+            self._thread.join()
+
+    @property
+    def pages(self) -> int:
+        """How many pages are connected."""
+        return len(self._clients)
+
+    @property
+    def url(self) -> str:
+        """Where a browser finds the page, with the token, which a browser does not send on with requests."""
+        host = socket.gethostname() if self._listen in EVERYWHERE else self._listen
+        return f"http://{f'[{host}]' if ':' in host else host}:{self._port}/#{self._token}"
+
+    def keep(self, name: str, message: bytes) -> None:
+        """Send a message to all pages, and to each that comes later; it replaces the last one of its name."""
+        self._call(self._keep, name, message)
+
+    def tell(self, message: bytes) -> None:
+        """Send a message to the pages that are open now."""
+        self._call(self._tell, message)
+
+    def publish(self, frame: bytes) -> None:
+        """Show a frame on the pages that wait for one; the others get the newest when they do."""
+        self._call(self._publish, frame)
+
+    def _call(self, what: Callable[..., None], *arguments: Any) -> None:
+        with suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(what, *arguments)
+
+    # In the server's thread
+
+    def _run(self) -> None:
+        try:
+            self._loop.run_until_complete(self._serve())
+        finally:
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        try:
+            server = await serve(
+                self._page,
+                self._listen,
+                self._port,
+                process_request=self._answer,
+                compression=None,
+                max_size=MOST_SAVED_BYTES if self._saving else MOST_COMMAND_BYTES,
+                ping_interval=PING_SECONDS,
+                ping_timeout=PATIENCE_SECONDS,
+                close_timeout=1.0,
+                server_header=None,
+            )
+        except OSError as error:
+            self._failure = error
+            self._started.set()
+            return
+        self._port = next(iter(server.sockets)).getsockname()[1]
+        self._started.set()
+        async with server:
+            await self._stopped.wait()
+
+    def _keep(self, name: str, message: bytes) -> None:
+        self._kept[name] = message
+        for client in self._clients:
+            client.pending[name] = message
+            client.wake.set()
+
+    def _tell(self, message: bytes) -> None:
+        for client in self._clients:
+            client.pending[f"told {len(client.pending)}"] = message
+            client.wake.set()
+
+    def _publish(self, frame: bytes) -> None:
+        for client in self._clients:
+            client.frame = frame
+            client.wake.set()
+        self._note_wanted()
+
+    def _note_wanted(self) -> None:
+        if any(client.patient_until is None and client.frame is None for client in self._clients):
+            self.wanted.set()
+        else:
+            self.wanted.clear()
+
+    async def _page(self, connection: ServerConnection) -> None:
+        client = _Client(self._kept)
+        self._clients.add(client)
+        self.seen.set()
+        self._note_wanted()
+        sending = asyncio.create_task(self._send(connection, client))
+        try:
+            async for message in connection:
+                self._hear(client, message)
+        except ConnectionClosed:
+            pass  # the page, or the line to it, is gone
+        finally:
+            sending.cancel()
+            self._clients.discard(client)
+            self._note_wanted()
+            if not self._clients:
+                self._on_gone()
+
+    def _hear(self, client: _Client, message: str | bytes) -> None:
+        if message == ACK:
+            client.patient_until = None
+            client.wake.set()
+            self._note_wanted()
+        elif isinstance(message, str):
+            self._on_message(message)
+        elif self._saving:
+            self.saved.append(message)
+            self.received.set()
+
+    async def _send(self, connection: ServerConnection, client: _Client) -> None:
+        """Send what there is for a page, until its connection ends."""
+        with suppress(ConnectionClosed):
+            while True:
+                try:
+                    async with asyncio.timeout_at(client.patient_until):
+                        await client.wake.wait()
+                except TimeoutError:
+                    await connection.close(1008, "no answer to a frame")
+                    return
+                client.wake.clear()
+                while client.pending:
+                    await connection.send(client.pending.pop(next(iter(client.pending))))
+                if client.patient_until is None and client.frame is not None:
+                    frame, client.frame = client.frame, None
+                    client.patient_until = self._loop.time() + PATIENCE_SECONDS
+                    await connection.send(frame)
+                    self._note_wanted()
+
+    # Requests
+
+    def _answer(self, _connection: ServerConnection, request: Request) -> Response | None:
+        """Answer a request for a file; None lets a page open its socket."""
+        host = request.headers.get("Host", "")
+        if not self._is_us(host):
+            return self._said(http.HTTPStatus.FORBIDDEN, "the Host of this request is not this server")
+        target = urlsplit(request.path)
+        if target.path == SOCKET:
+            if request.headers.get("Origin") != f"http://{host}":
+                return self._said(http.HTTPStatus.FORBIDDEN, "the Origin of this request is not this server's page")
+            given = parse_qs(target.query).get("token", [""])[-1]
+            if not hmac.compare_digest(given.encode(), self._token.encode()):
+                return self._said(
+                    http.HTTPStatus.FORBIDDEN, "the token is wrong: open the URL that the program printed"
+                )
+            return None
+        if target.path not in SOURCES:
+            return self._said(http.HTTPStatus.NOT_FOUND, "there is no such page")
+        place, kind = SOURCES[target.path]
+        return self._response(http.HTTPStatus.OK, _source(*place), kind)
+
+    def _is_us(self, host: str) -> bool:
+        """Whether a Host names this server; if it listens everywhere, by an address or this computer's name."""
+        name, _, port = host.rpartition(":")
+        name = name.strip("[]")
+        if port != str(self._port):
+            return False
+        if name in (self._listen, "localhost"):
+            return True
+        return self._listen in EVERYWHERE and (name == socket.gethostname() or _is_address(name))
+
+    def _said(self, status: http.HTTPStatus, text: str) -> Response:
+        return self._response(status, f"{text}\n".encode(), "text/plain")
+
+    def _response(self, status: http.HTTPStatus, body: bytes, kind: str) -> Response:
+        ancestors = (
+            "http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:*"
+            if self._embedded
+            else "'none'"
+        )
+        policy = (
+            "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self' ws:; "
+            "img-src 'self' data: blob:; media-src blob:; base-uri 'none'; form-action 'none'; "
+            f"frame-ancestors {ancestors}"
+        )
+        headers = {
+            "Content-Type": f"{kind}; charset=utf-8",
+            "Content-Length": str(len(body)),
+            "Content-Security-Policy": policy,
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+            "Cache-Control": "no-store",
+            "Connection": "close",
+        }
+        return Response(status.value, status.phrase, Headers(headers), body)
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+@cache
+def _source(package: str, path: str) -> bytes:
+    return files(package).joinpath(path).read_bytes()

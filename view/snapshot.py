@@ -1,0 +1,118 @@
+"""What there is to see: of an array that stays, and of one moment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..host.playing.calibration import Calibration
+from ..protocol.board import CHANNELS
+from ..protocol.wiring import Wiring
+from ..solver import Medium, TransducerArray
+from ..solver.contact.hand import Hand
+from ..solver.contact.mesh import Mesh
+
+__all__ = ["Rig", "Snapshot", "Waves"]
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """The array, as long as a view is open.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    name : str
+        The device's, for people.
+    wiring : Wiring, optional
+        Which output drives which transducer; an array of another size than a device's has none.
+    calibration : Calibration, optional
+        As it is applied to drives.
+    medium : Medium
+        The air.
+    """
+
+    array: TransducerArray
+    name: str = "phased array"
+    wiring: Wiring | None = None
+    calibration: Calibration | None = None
+    medium: Medium = field(default_factory=Medium)
+
+    @cached_property
+    def channels(self) -> NDArray[np.int64]:
+        """(n,) the output of each transducer; without a wiring as if they were wired in their order."""
+        if self.wiring is not None and len(self.array) == CHANNELS:
+            return self.wiring.channels
+        return np.arange(len(self.array))
+
+
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """The square waves of some outputs.
+
+    Parameters
+    ----------
+    transducers : tuple of int
+        Whose they are.
+    first_tick : int
+        Of the device's time.
+    bits : (ticks, k) uint8
+        0 or 1.
+    """
+
+    transducers: tuple[int, ...]
+    first_tick: int
+    bits: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """One moment.
+
+    Parameters
+    ----------
+    drives : (k, n) complex
+        What the transducers emit: one field, or two that alternate.
+    period : int
+        Carrier period of the device's time.
+    state : str
+        ``playing``, ``stopped``, ``waiting``, ``ended`` or ``lost``.
+    origin : str
+        The origin of the drives, for people.
+    hands : sequence of Hand
+    objects : sequence of Mesh
+        Where they are.
+    points : (m, 4) float
+        Control points: x, y, z in metres, and their strength from 0 to 1.
+    ids : (m,) int
+        Their identities.
+    arcs : sequence of (k, 3) float
+        Where hands cut objects, in metres.
+    boards : tuple of str
+        What is wrong with each board; empty if nothing is.
+    line : tuple of (str, str)
+        Figures for people: label and value.
+    waves : Waves, optional
+        Of the outputs that are watched.
+    """
+
+    drives: NDArray[np.complexfloating]
+    period: int = 0
+    state: str = "playing"
+    origin: str = "as intended"
+    hands: Sequence[Hand] = ()
+    objects: Sequence[Mesh] = ()
+    points: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 4)))
+    ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    arcs: Sequence[NDArray[np.float64]] = ()
+    boards: tuple[str, ...] = ()
+    line: tuple[tuple[str, str], ...] = ()
+    waves: Waves | None = None
+
+    def __repr__(self) -> str:
+        return f"Snapshot(period {self.period}, {len(self.drives)} × {self.drives.shape[1]} drives, {self.state})"

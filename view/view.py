@@ -1,0 +1,514 @@
+"""A view of an array: the page that shows it, for a program, a notebook, or a command."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from threading import Event, Lock, Thread
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..protocol.board import CARRIER_HZ, HALF_TICKS_PER_PERIOD
+from ..protocol.pulses import Pulses
+from ..protocol.wiring import Pin
+from ..solver import METHODS, Solution, TransducerArray, TwoSided
+from ..solver.contact.hand import Hand
+from ..solver.contact.mesh import Mesh
+from .comparing import Comparison
+from .messages import Command, encode, read_command
+from .painting import QUANTITIES, Painter
+from .past import Past
+from .server import LOOPBACK, PageServer
+from .settings import GROUPS, RANGES, Choices, Settings
+from .snapshot import Rig, Snapshot
+
+__all__ = ["Director", "Tape", "View"]
+
+MOST_RATE = 60.0
+"""Frames per second that are painted."""
+IDLE_SECONDS = 0.25
+WAIT_SECONDS = 0.1
+CYCLIC, SEQUENTIAL = "twilight", "viridis"
+"""Colour maps of matplotlib that are even for the eye, also for one that is colour-blind."""
+FULL = 255
+NOTEBOOK_PIXELS = 640
+
+
+class Tape(Protocol):
+    """Snapshots of a time that is over."""
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """The oldest and the newest period; None if there is none."""
+
+    def at(self, period: int) -> Snapshot | None:
+        """The snapshot of a period, or of the last one before it; None if there is none."""
+
+
+class Director(Protocol):
+    """Carries out what pages ask for. Every method is called in the thread of the server, and returns at once."""
+
+    controls: tuple[str, ...]
+    """What a page offers beside the view itself: some of ``stop``, ``play``, ``hand``, ``objects``, ``faults``,
+    ``past`` and ``waves``."""
+    object_kinds: tuple[str, ...]
+    faults: tuple[dict[str, Any], ...]
+    """For the page: the name of each fault, and its fields with their ranges."""
+
+    def stop(self) -> None:
+        """Turn the outputs off."""
+
+    def go(self) -> None:
+        """Play again."""
+
+    def fault(self, fault: dict[str, Any] | None) -> None:
+        """Inject a fault, `ValueError` if it is none; or clear those whose cause is gone."""
+
+    def apply(self, settings: Settings) -> None:
+        """Play by these settings, or raise `ValueError`."""
+
+    def gone(self) -> None:
+        """The last page has gone."""
+
+
+class Onlooker:
+    """A director who directs nothing."""
+
+    controls: tuple[str, ...] = ()
+    object_kinds: tuple[str, ...] = ()
+    faults: tuple[dict[str, Any], ...] = ()
+
+    def stop(self) -> None:
+        """There is nothing to stop."""
+
+    def go(self) -> None:
+        """Nor to begin."""
+
+    def fault(self, fault: dict[str, Any] | None) -> None:
+        """Nor to break."""
+
+    def apply(self, settings: Settings) -> None:
+        """Nor to play."""
+
+    def gone(self) -> None:
+        """Nobody looks."""
+
+
+class View:
+    """A page in a browser that shows an array, its field, and what is around it.
+
+    Parameters
+    ----------
+    array : TransducerArray or Rig, optional
+        What is shown; the default grid by default.
+    settings : Settings, optional
+        With which a page begins.
+    director : Director, optional
+        Carries out what a page asks for; without one a page only looks.
+    tape : Tape, optional
+        What is shown instead of what comes by `update` and `show`.
+    listen, port : str, int
+        Where to listen; only this computer can reach the default, at any free port.
+    embedded : bool
+        Whether the page may be shown inside another one of this computer, such as a notebook.
+    saving : bool
+        Whether a page may send a picture (`browser.save`).
+
+    Raises
+    ------
+    OSError
+        If the address cannot be used.
+
+    Notes
+    -----
+    Use it in a ``with`` statement, or call `close`. In a notebook the last expression ``view`` of a cell shows it, and
+    `update` in later cells changes it.
+    """
+
+    def __init__(
+        self,
+        array: TransducerArray | Rig | None = None,
+        *,
+        settings: Settings | None = None,
+        director: Director | None = None,
+        tape: Tape | None = None,
+        listen: str = LOOPBACK,
+        port: int = 0,
+        embedded: bool = True,
+        saving: bool = False,
+    ) -> None:
+        self.rig = array if isinstance(array, Rig) else Rig(array or TransducerArray.grid())
+        self._director = director or Onlooker()
+        self.settings = settings or Settings()
+        groups = frozenset(("view", *self._director.controls)) & set(GROUPS)
+        self._choices = Choices(
+            groups, len(self.rig.array), tuple(METHODS), tuple(QUANTITIES), tuple(self._director.object_kinds)
+        )
+        self._painter, self._comparison = Painter(self.rig), Comparison(self.rig.array)
+        self._past, self._tape = Past(), tape
+        self._lock = Lock()
+        """Of the snapshots and the settings, which several threads use."""
+        self._newest = Snapshot(np.zeros((1, len(self.rig.array)), np.complex64), state="waiting")
+        self._exact: Snapshot | None = None
+        self._changed, self._closing = Event(), Event()
+        self._meshes: tuple[Mesh, ...] = ()
+        self._began = time.monotonic()
+        self.server = PageServer(
+            listen=listen,
+            port=port,
+            on_message=self._hear,
+            on_gone=self._director.gone,
+            embedded=embedded,
+            saving=saving,
+        )
+        self.server.start()
+        self._thread = Thread(target=self._paint, name="phasewire view", daemon=True)
+        self.server.keep("setup", self._setup())
+        self._keep_settings()
+        self._thread.start()
+
+    def __repr__(self) -> str:
+        return f"View({self.rig.name}, {self.url})"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the page; a page that is open says so."""
+        self._closing.set()
+        self._changed.set()
+        self.server.wanted.set()
+        self._thread.join()
+        self.server.close()
+
+    def wait_until_left(self) -> None:
+        """Wait until a page has come, and all have gone."""
+        while not self.server.seen.wait(WAIT_SECONDS) or self.server.pages:
+            time.sleep(WAIT_SECONDS)
+
+    @property
+    def url(self) -> str:
+        """What a browser opens. Whoever has it can do what the page can: it contains a token."""
+        return self.server.url
+
+    def _repr_html_(self) -> str:
+        return f'<iframe src="{self.url}" width="100%" height="{NOTEBOOK_PIXELS}" title="phasewire view"></iframe>'
+
+    def warm_up(self) -> None:
+        """Paint a frame once, so that the first one of a page does not wait for what is loaded by it."""
+        self._frame()
+
+    # What is shown
+
+    def update(
+        self,
+        drive: Solution | TwoSided | Pulses | ArrayLike | None = None,
+        *,
+        points: ArrayLike | None = None,
+        hands: Hand | Sequence[Hand] | None = None,
+        objects: Mesh | Sequence[Mesh] | None = None,
+    ) -> None:
+        """Show something else; what is not given stays.
+
+        Parameters
+        ----------
+        drive : Solution, TwoSided, Pulses, or (n,) or (k, n) complex, optional
+            What the transducers emit; a solution brings its control points.
+        points : (m, 3) or (m, 4) float, optional
+            Control points in metres; the fourth number is their strength, 0 to 1.
+        hands : Hand or sequence of Hand, optional
+        objects : Mesh or sequence of Mesh, optional
+
+        Raises
+        ------
+        ValueError
+            If drives do not fit the array, or are more than two.
+        """
+        with self._lock:
+            now = self._newest
+        given: dict[str, Any] = {}
+        if drive is not None:
+            given["drives"], found = _drives(drive, len(self.rig.array))
+            points = found if points is None and found is not None else points
+        if points is not None:
+            given["points"] = _points(points)
+        if hands is not None:
+            given["hands"] = (hands,) if isinstance(hands, Hand) else tuple(hands)
+        if objects is not None:
+            given["objects"] = (objects,) if isinstance(objects, Mesh) else tuple(objects)
+        period = round((time.monotonic() - self._began) * CARRIER_HZ)
+        self.show(replace(now, state="playing", period=period, **given))
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Show a snapshot, now, and keep it for those who go back."""
+        with self._lock:
+            self._newest = snapshot
+            self._past.add(snapshot)
+        self._changed.set()
+
+    def show_past(self, snapshot: Snapshot) -> None:
+        """Show exactly what was at the period that the page has gone back to."""
+        with self._lock:
+            self._exact = snapshot
+        self._changed.set()
+
+    def was(self, period: int) -> Snapshot | None:
+        """The snapshot of a period of the last seconds, or of the last one before it."""
+        with self._lock:
+            return self._past.at(period)
+
+    def say(self, text: str, *, error: bool = False) -> None:
+        """Tell those who look something."""
+        self.server.tell(encode("notice", {"text": text, "error": error}))
+
+    def settle(self, **settings: Any) -> None:
+        """Change settings, as a page would, but unchecked."""
+        with self._lock:
+            self.settings = replace(self.settings, **settings)
+        self._keep_settings()
+        self._changed.set()
+
+    # From pages, in the server's thread
+
+    def _hear(self, text: str) -> None:
+        """Carry out what a page asks for; an error is told to it."""
+        try:
+            self._carry_out(read_command(text))
+        except ValueError as error:
+            self.say(str(error), error=True)
+
+    def _carry_out(self, command: Command) -> None:
+        if command.do == "stop":
+            self._director.stop()
+        elif command.do == "go":
+            self._director.go()
+        elif command.do is not None:
+            self._director.fault(None if command.fault is None else dict(command.fault))
+        else:
+            settings = self.settings.changed(command.settings, self._choices)
+            self._director.apply(settings)
+            with self._lock:
+                self.settings = settings
+                if "at" in command.settings:
+                    self._exact = None
+            self._keep_settings()
+            self._changed.set()
+
+    def _keep_settings(self) -> None:
+        self.server.keep("settings", encode("settings", {"values": asdict(self.settings)}))
+
+    # To pages, in the view's own thread
+
+    def _paint(self) -> None:
+        """Paint what is new whenever a page can take it."""
+        while not self._closing.is_set():
+            if (
+                self.server.wanted.wait(IDLE_SECONDS)
+                and self._changed.wait(IDLE_SECONDS)
+                and not self._closing.is_set()
+            ):
+                self._changed.clear()
+                began = time.monotonic()
+                self.server.publish(self._frame())
+                time.sleep(max(0.0, 1 / MOST_RATE - (time.monotonic() - began)))
+
+    def _shown(self) -> tuple[Snapshot, bool, Settings]:
+        """The snapshot to paint, and whether it is of now."""
+        with self._lock:
+            settings, newest, exact = self.settings, self._newest, self._exact
+            tape = self._tape or self._past
+            if settings.at is None and self._tape is None:
+                return newest, True, settings
+            if exact is not None and exact.period == settings.at:
+                return exact, False, settings
+            found = tape.at(settings.at or 0)
+        return found or newest, False, settings
+
+    def _frame(self) -> bytes:
+        """The next frame for the page."""
+        snapshot, live, settings = self._shown()
+        self._keep_objects(snapshot.objects)
+        other = self._comparison.drives(snapshot, settings)
+        try:
+            planes, scale = self._painter.paint(snapshot, settings, other)
+            probe = None if settings.probe is None else self._painter.probe(snapshot, settings.probe)._asdict()
+        except ValueError as error:
+            self.settle(xy=False, xz=False, yz=False, probe=None)
+            self.say(f"planes are off: {error}", error=True)
+            return self._frame()
+        arrays = self._arrays(snapshot)
+        side = None
+        if other is not None and settings.compare is not None:
+            *planes, this, that = planes
+            arrays |= {"this": this.levels, "other": that.levels}
+            numbers = self._comparison.numbers(self._painter, snapshot, other)
+            side = {
+                "method": settings.method,
+                "other": settings.compare,
+                "this_array": "this",
+                "array": "other",
+                "numbers": numbers,
+            }
+        for image in planes:
+            arrays[image.name] = image.levels
+        tape = self._tape or self._past
+        with self._lock:
+            span = tape.span or (None, None)
+        waves = snapshot.waves
+        if waves is not None:
+            arrays["waves"] = waves.bits
+        fields = {
+            "seconds": snapshot.period / CARRIER_HZ,
+            "period": snapshot.period,
+            "state": snapshot.state,
+            "origin": snapshot.origin,
+            "live": live,
+            "oldest": span[0],
+            "newest": span[1],
+            "sides": [hand.side for hand in snapshot.hands],
+            "planes": [
+                {
+                    "name": image.name,
+                    "corner": image.corner.tolist(),
+                    "u": image.u.tolist(),
+                    "v": image.v.tolist(),
+                    "array": image.name,
+                }
+                for image in planes
+            ],
+            "scale": scale,
+            "side": side,
+            "probe": probe,
+            "pick": None if settings.pick is None else self._picked(settings.pick, snapshot, settings),
+            "boards": list(snapshot.boards) or [""] * 5,
+            "line": snapshot.line,
+            "waves": None
+            if waves is None
+            else {
+                "names": [f"{each}: {Pin.of(int(self.rig.channels[each])).name}" for each in waves.transducers],
+                "first": waves.first_tick,
+                "array": "waves",
+            },
+        }
+        return encode("frame", fields, arrays)
+
+    def _arrays(self, snapshot: Snapshot) -> dict[str, NDArray[Any]]:
+        emitted = snapshot.drives[0]
+        strongest = np.abs(snapshot.drives).max(axis=0)
+        arcs = [np.stack([arc[:-1], arc[1:]], axis=1) for arc in snapshot.arcs if len(arc) > 1]
+        arrays: dict[str, NDArray[Any]] = {
+            "phase": (np.angle(emitted) % (2 * np.pi) * (256 / (2 * np.pi))).astype(np.int64).astype(np.uint8),
+            "amplitude": np.minimum(strongest * FULL + 0.5, FULL).astype(np.uint8),
+            "landmarks": np.array([hand.landmarks for hand in snapshot.hands]).reshape(-1, 21, 3),
+            "quads": np.array([hand.quads for hand in snapshot.hands]).reshape(-1, 16, 4, 3),
+            "points": snapshot.points,
+            "arcs": np.concatenate(arcs) if arcs else np.empty((0, 2, 3)),
+        }
+        for number, (mesh, first) in enumerate(zip(snapshot.objects, self._meshes, strict=True)):
+            if mesh is not first:
+                arrays[f"mesh{number}"] = mesh.vertices
+        return arrays
+
+    def _keep_objects(self, objects: Sequence[Mesh]) -> None:
+        """Send the objects' triangles, if they are others than before; those that only move send their vertices."""
+        if [mesh.solid for mesh in objects] == [mesh.solid for mesh in self._meshes]:
+            return
+        self._meshes = tuple(objects)
+        arrays: dict[str, NDArray[Any]] = {}
+        for number, mesh in enumerate(objects):
+            arrays |= {f"vertices{number}": mesh.vertices, f"faces{number}": mesh.faces.astype(np.uint32)}
+        names = [f"object {number}" for number in range(len(objects))]
+        self.server.keep("objects", encode("objects", {"names": names, "still": [True] * len(names)}, arrays))
+
+    def _picked(self, number: int, snapshot: Snapshot, settings: Settings) -> dict[str, Any]:
+        """What there is to say about a transducer."""
+        pin = Pin.of(int(self.rig.channels[number]))
+        x, y, z = self.rig.array.positions[number] * 1e3
+        lines = [("Place", f"{x:.1f}, {y:.1f}, {z:.1f} mm")]
+        if self.rig.wiring is not None:
+            lines += [("Board", str(pin.board)), ("Processor", str(pin.processor)), ("Bit", str(pin.bit))]
+        for half, drive in enumerate(snapshot.drives[:, number]):
+            pulse = Pulses.from_drive(np.array([drive]))
+            said = f"{pulse.width[0]} ticks wide, centred at {pulse.phase[0]} of {HALF_TICKS_PER_PERIOD} half ticks"
+            emitted = f"{abs(drive):.3f} of full drive, {np.rad2deg(np.angle(drive)) % 360:.1f}°"
+            of = f" of half {half}" if len(snapshot.drives) > 1 else ""
+            lines += [(f"Pulse{of}", said), (f"Emits{of}", emitted)]
+        if (calibration := self.rig.calibration) is not None:
+            dead = ", dead" if calibration.dead[number] else ""
+            polarity = "reversed" if calibration.polarity[number] < 0 else "normal"
+            lines.append(
+                (
+                    "Calibration",
+                    f"gain {calibration.gain[number]:.3f}, {calibration.phase_deg[number]:+.1f}°, {polarity}{dead}",
+                )
+            )
+        return {"transducer": number, "lines": lines, "silenced": number in settings.silenced}
+
+    def _setup(self) -> bytes:
+        from matplotlib import colormaps
+
+        processors, bits = np.divmod(self.rig.channels, 32)
+        fields = {
+            "device": self.rig.name,
+            "controls": list(self._director.controls),
+            "methods": list(METHODS),
+            "quantities": [
+                {"name": name, "label": each.label, "unit": each.unit, "cyclic": each.cyclic}
+                for name, each in QUANTITIES.items()
+            ],
+            "object_kinds": list(self._director.object_kinds),
+            "faults": list(self._director.faults),
+            "limits": {name: list(limits) for name, limits in RANGES.items()},
+        }
+        arrays: dict[str, NDArray[Any]] = {
+            "positions": self.rig.array.positions,
+            "normals": self.rig.array.normals,
+            "board": (processors // 2).astype(np.uint8),
+            "processor": (processors % 2).astype(np.uint8),
+            "bit": bits.astype(np.uint8),
+            "cyclic": _colours(colormaps[CYCLIC]),
+            "sequential": _colours(colormaps[SEQUENTIAL]),
+        }
+        return encode("setup", fields, arrays)
+
+
+def _colours(table: Any) -> NDArray[np.uint8]:
+    """256 colours of a map, (256, 3), evenly from its beginning to before its end."""
+    colours: NDArray[np.uint8] = np.asarray(table(np.arange(256) / 256, bytes=True), np.uint8)
+    return colours[:, :3]
+
+
+def _drives(given: Any, transducers: int) -> tuple[NDArray[np.complexfloating], NDArray[np.float64] | None]:
+    """Drives (k, n), and the control points of a solution, (m, 4)."""
+    points = None
+    if isinstance(given, Solution | TwoSided):
+        points = np.column_stack([given.points.positions, given.points.amplitudes / given.points.amplitudes.max()])
+        given = given.drive if isinstance(given, Solution) else given.drives
+    elif isinstance(given, Pulses):
+        given = given.to_drive()
+    drives = np.atleast_2d(np.asarray(given, np.complex128))
+    if drives.shape[1:] != (transducers,) or not 1 <= len(drives) <= 2:
+        raise ValueError(
+            f"drives have the shape {drives.shape}, but the array has {transducers} transducers; one or two fields"
+        )
+    if not np.isfinite(drives).all() or np.abs(drives).max() > 1 + 1e-6:
+        raise ValueError("every drive must be finite and of magnitude 1 at most")
+    return drives, points
+
+
+def _points(given: ArrayLike) -> NDArray[np.float64]:
+    points = np.atleast_2d(np.asarray(given, np.float64))
+    if points.ndim != 2 or points.shape[1] not in (3, 4) or not np.isfinite(points).all():
+        raise ValueError(
+            f"points have the shape {points.shape}; they must be (m, 3) in metres, or (m, 4) with strengths"
+        )
+    return points if points.shape[1] == 4 else np.column_stack([points, np.ones(len(points))])
