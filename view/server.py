@@ -72,6 +72,8 @@ class PageServer:
         0 for any that is free.
     on_message : callable
         Is called in the server's thread with each text from a page.
+    on_page : callable
+        Is called there when a page has come, which has no frame yet.
     on_gone : callable
         Is called there when the last page has gone.
     embedded : bool
@@ -93,12 +95,13 @@ class PageServer:
         listen: str = LOOPBACK,
         port: int = 0,
         on_message: Callable[[str], None],
+        on_page: Callable[[], None],
         on_gone: Callable[[], None],
         embedded: bool = False,
         saving: bool = False,
     ) -> None:
         self._listen, self._port = listen, port
-        self._on_message, self._on_gone = on_message, on_gone
+        self._on_message, self._on_page, self._on_gone = on_message, on_page, on_gone
         self._embedded, self._saving = embedded, saving
         self._token = secrets.token_urlsafe(16)
         self._kept: dict[str, bytes] = {}
@@ -219,6 +222,7 @@ class PageServer:
         self._clients.add(client)
         self.seen.set()
         self._note_wanted()
+        self._on_page()
         sending = asyncio.create_task(self._send(connection, client))
         try:
             async for message in connection:

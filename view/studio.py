@@ -83,7 +83,7 @@ class Studio:
         self.settings = settings
         self._objects: tuple[MovingObject, ...] = shelf.put(settings.objects)
         self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._playing, self._renew = True, False
+        self._playing, self._renew, self._lost = True, False, False
         self._loop: TouchLoop | None = None
         self._begin = device.time.monotonic()
         self.controls: tuple[str, ...] = ("stop", "play", "objects", "past")
@@ -176,7 +176,7 @@ class Studio:
                 self._play()
             else:
                 self._rest_until(lambda: self._playing, "stopped")
-        self._show_rest("ended")
+        self._show_rest("ended", at_once=True)
 
     def _new_loop(self, source: HandSource) -> TouchLoop:
         settings = self.settings
@@ -194,6 +194,8 @@ class Studio:
     def _play(self) -> None:
         """Play with one loop of touch, until it must be another one."""
         self._renew = False
+        if self._lost and not self._find_again():
+            return
         self._loop = self._new_loop(_Lease(self._source, self))
         self._loop.turn_down(self._gains())
         try:
@@ -203,10 +205,21 @@ class Studio:
                 self._playing = False
                 self._say(f"the device refuses to play: {error}")
         except DeviceError as error:
-            self._playing = False
+            self._playing, self._lost = False, True
             self._say(f"{error}; Play tries again")
         finally:
             self._loop = None
+
+    def _find_again(self) -> bool:
+        """Whether a device that was lost is back."""
+        try:
+            self._device.reopen()
+        except DeviceError as error:
+            self._playing = False
+            self._say(f"{error}; Play tries again")
+        else:
+            self._lost = False
+        return not self._lost
 
     def _objects_at(self, moment: float) -> Sequence[Mesh]:
         return [thing.at(moment - self._begin) for thing in self._objects]
@@ -243,12 +256,12 @@ class Studio:
                 self._device.time.sleep(REST_SECONDS)
             self._show_rest(state)
 
-    def _show_rest(self, state: str) -> None:
+    def _show_rest(self, state: str, *, at_once: bool = False) -> None:
         assert self._tap is not None
         frame = self._source.next_frame(0) if not self._source.ended else None
         if frame is not None:
             self._hands = tuple(tracked.hand for tracked in frame.hands)
-        if self._tap.due:
+        if at_once or self._tap.due:
             objects = self._objects_at(self._device.time.monotonic())
             try:
                 self._tap.take(hands=self._hands, objects=objects, state=state)

@@ -161,6 +161,7 @@ class View:
             listen=listen,
             port=port,
             on_message=self._hear,
+            on_page=self._changed.set,
             on_gone=self._director.gone,
             embedded=embedded,
             saving=saving,

@@ -265,6 +265,19 @@ class Device:
             self._session.reopen()
             self._forget()
 
+    def reopen(self) -> None:
+        """Open it again after it was lost, when it comes back, with its outputs off and its stores empty.
+
+        Raises
+        ------
+        DeviceLostError
+            If it does not come back within some seconds.
+        """
+        with self._session.lock:
+            self._session.reopen()
+            self._turn_off()  # it may be unchanged, and play on
+            self._forget()
+
     def identify(self, board: int) -> None:
         """Let the light on a board blink for five seconds."""
         self._order(Request.IDENTIFY, "board", board)

@@ -33,7 +33,7 @@ class Heard:
 @contextmanager
 def serving(**options: Any) -> Iterator[tuple[PageServer, Heard]]:
     heard = Heard()
-    server = PageServer(on_message=heard.texts.append, on_gone=heard.gone.set, **options)
+    server = PageServer(on_message=heard.texts.append, on_page=lambda: None, on_gone=heard.gone.set, **options)
     server.start()
     try:
         yield server, heard

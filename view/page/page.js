@@ -4,7 +4,7 @@ import { isDrawnBySoftware, paint, Scene } from "./scene.js";
 
 const PERIOD_SECONDS = 25e-6, TICK_MICROSECONDS = 0.5;
 const SEND_MS = 1000 / 60, RECONNECT_MS = 1000, KEEP_OURS_MS = 700, NOTICE_MS = 8000, FILM_MS = 1000 / 30;
-const MOST_WATCHED = 8, WAVE_HEIGHT = 26, BAR = { width: 12, height: 160, top: 24, apart: 92 };
+const MOST_WATCHED = 8, WAVE_HEIGHT = 26, BAR = { width: 12, height: 160, top: 62, wide: 156, narrow: 92 };
 const UNITS = { mm: 1000, "%": 100 };
 const NEW_OBJECT = { x: 0, y: 0, z: 0.17, size: 0.08, rotation: 0 };
 const LOST = "Connection lost: the outputs are turned off unless the command said otherwise";
@@ -67,7 +67,6 @@ const TAKE = {
     maps = message.arrays;
     scene?.setUp(message);
     showSetup(json);
-    showSettings();
   },
   settings({ values }) {
     page.settings = values;
@@ -250,6 +249,7 @@ function showSetup(setup) {
   setOptions(byId("fault-name"), setup.faults.map(({ name }) => name));
   showFaultFields();
   controls.forEach((control) => control.setUp?.(setup));
+  selectObject(selected);
 }
 
 // Controls that are no plain setting
@@ -297,7 +297,7 @@ function showScale(input) {
   if (!(power > input.min && power < input.max)) Object.assign(input, { min: power - 2, max: power + 2 });
   input.disabled = read("scale") === null;
   input.value = power;
-  input.ariaValueText = `${short(value)} ${unit}`;
+  input.ariaValueText = `${short(value)} ${unit.replace(/ \(.*\)/, "")}`;
   say(byId("largest"), input.ariaValueText);
 }
 
@@ -314,7 +314,7 @@ function watch(transducers) {
 
 function selectObject(which) {
   selected = which;
-  scene?.select(which);
+  scene?.select(has("objects") ? which : -1);
   showSettings();
 }
 
@@ -339,16 +339,28 @@ function removeObject() {
 
 function showFaultFields() {
   const fault = page.setup.faults.find(({ name }) => name === byId("fault-name").value);
-  byId("fault-fields").replaceChildren(...(fault?.fields ?? []).map(({ name, least, most, whole, optional }) =>
-    element("label", { className: "row" }, name, element("input", {
-      type: "number", name, min: least ?? "", max: most ?? "", step: whole ? 1 : "any", required: !optional,
-      value: optional ? "" : least ?? 0, placeholder: optional ? "none" : "",
-    }))));
+  byId("fault-fields").replaceChildren(...(fault?.fields ?? []).map((field) =>
+    element("div", { className: "row" }, element("label", { htmlFor: `fault.${field.name}`, textContent: field.name }), faultInput(field))));
+}
+
+function faultInput({ name, least, most, whole, optional, values, default: given }) {
+  const id = `fault.${name}`;
+  if (values) {
+    const select = element("select", { id, name });
+    setOptions(select, optional ? ["", ...values] : values);
+    select.value = given ?? select.options[0].value;
+    return select;
+  }
+  return element("input", {
+    id, name, type: "number", min: least ?? "", max: most ?? "", step: whole ? 1 : "any", required: !optional,
+    value: given ?? (optional ? "" : least ?? 0), placeholder: optional ? "none" : "",
+  });
 }
 
 function injectFault(event) {
   event.preventDefault();
-  const given = all("#fault-fields input").filter(({ value }) => value !== "").map(({ name, value }) => [name, Number(value)]);
+  const given = all("#fault-fields .row > :last-child").filter(({ value }) => value !== "")
+    .map(({ name, type, value }) => [name, type === "number" ? Number(value) : value]);
   send({ do: "fault", fault: { name: byId("fault-name").value, ...Object.fromEntries(given) } });
 }
 
@@ -462,8 +474,9 @@ function showWaves({ waves, arrays }) {
   canvas.hidden = !waves?.names.length;
   if (canvas.hidden || !byId("waves-panel").open) return;
   const values = arrays[waves.array], [ticks, outputs] = values.shape;
-  const width = canvas.clientWidth, left = 44, height = outputs * WAVE_HEIGHT + 30;
+  const width = canvas.clientWidth, height = outputs * WAVE_HEIGHT + 30;
   const context = prepare(canvas, width, height);
+  const left = 8 + Math.max(...waves.names.map((name) => context.measureText(name).width));
   const x = (tick) => left + (tick / ticks) * (width - left - 6);
   drawTimes(context, waves.first, ticks, x, height);
   waves.names.forEach((name, k) => {
@@ -505,9 +518,11 @@ function showSide({ side, planes, scale, arrays }) {
   const plane = planes.find(({ name }) => name === "xy");
   const pictures = [["this", side.method, plane && arrays[plane.array]], ["other", side.other, arrays[side.array]]];
   pictures.forEach(([which, method, values]) => {
-    say(byId(`${which}-name`), method);
-    byId(`${which}-plane`).ariaLabel = `${scale.label} by ${method}, from above`;
-    if (values) drawPlane(byId(`${which}-plane`), values, map);
+    const canvas = byId(`${which}-plane`);
+    say(byId(`${which}-name`), values ? method : `${method}: turn on the xy plane`);
+    canvas.hidden = !values;
+    canvas.ariaLabel = `${scale.label} by ${method}, from above`;
+    if (values) drawPlane(canvas, values, map);
   });
   showTable(byId("side-numbers"), [["", side.method, side.other], ...side.numbers]);
 }
@@ -528,11 +543,11 @@ function drawLegend({ label, unit, largest, cyclic }) {
   const canvas = byId("legend"), key = JSON.stringify([label, unit, largest, cyclic, colours.ink]);
   if (canvas.key === key) return;
   canvas.key = key;
-  canvas.style.width = `${2 * BAR.apart}px`;
-  const context = prepare(canvas, 2 * BAR.apart, BAR.height + BAR.top + 10);
+  canvas.style.width = `${BAR.wide + BAR.narrow}px`;
+  const context = prepare(canvas, BAR.wide + BAR.narrow, BAR.height + BAR.top + 10);
   const most = largest > 0 ? largest : 1;
-  drawBar(context, 4, `${label} / ${unit}`, most, cyclic ? maps.cyclic : maps.sequential, niceStep(most, unit));
-  drawBar(context, 4 + BAR.apart, "Drive phase / °", 360, maps.cyclic, 90);
+  drawBar(context, 0, `${label} / ${unit}`, most, cyclic ? maps.cyclic : maps.sequential, niceStep(most, unit));
+  drawBar(context, BAR.wide, "Drive phase / °", 360, maps.cyclic, 90);
   canvas.ariaLabel = `Colour bars: ${label} from 0 to ${short(most)} ${unit}; phase of the transducers from 0 to 360°`;
 }
 
@@ -542,11 +557,18 @@ function niceStep(most, unit) {
   return power * [1, 2, 5, 10].find((factor) => factor * power * 5 >= most * 0.999);
 }
 
+function wrapped(context, text, width) {
+  return text.split(" ").reduce((lines, word) => {
+    const longer = `${lines.at(-1)} ${word}`.trim();
+    return context.measureText(longer).width <= width ? [...lines.slice(0, -1), longer] : [...lines, word];
+  }, [""]);
+}
+
 function drawBar(context, left, title, most, map, stride) {
   const bottom = BAR.top + BAR.height;
   context.fillStyle = colours.ink;
   context.textBaseline = "middle";
-  context.fillText(title, left, 8);
+  wrapped(context, title, BAR.wide - 8).reverse().forEach((line, k) => context.fillText(line, left, BAR.top - 15 - 13 * k));
   for (let k = 0; k < BAR.height; k++) {
     const from = 3 * Math.round((255 * k) / (BAR.height - 1));
     context.fillStyle = `rgb(${map.subarray(from, from + 3).join()})`;

@@ -294,6 +294,12 @@ class Solid {
     this.mesh = shown(new T.Mesh(surface, basic(glassy(0.22))), parent);
     this.outline = shown(new T.LineSegments(outline, new T.LineBasicMaterial({ transparent: true })), parent);
     this.at = at;
+    this.faces = faces;
+    this.clarity = Math.min(0.5, 700 / outline.index.count);
+  }
+
+  has(faces) {
+    return faces.length === this.faces.length && faces.every((corner, k) => corner === this.faces[k]);
   }
 
   move(vertices) {
@@ -305,7 +311,7 @@ class Solid {
   colour(colour, selected) {
     this.mesh.material.color.set(colour);
     this.outline.material.color.set(colour);
-    this.outline.material.opacity = selected ? 0.5 : 0.25;
+    this.outline.material.opacity = selected ? this.clarity : 0.6 * this.clarity;
     this.mesh.material.opacity = selected ? 0.28 : 0.18;
   }
 
@@ -324,7 +330,7 @@ function edges(vertices, faces) {
     const normal = b.sub(a).cross(c.sub(a)).normalize();
     corners.forEach((from, side) => {
       const pair = [from, corners[(side + 1) % 3]].sort((p, q) => p - q);
-      const key = pair.join();
+      const key = pair[0] * vertices.length + pair[1];
       const other = found.get(key);
       if (other && Math.abs(other.normal.dot(normal)) > 0.9998) found.delete(key);
       else if (!other) found.set(key, { pair, normal });
@@ -391,6 +397,7 @@ export class Scene {
     this.selected = 0;
     this.faults = [];
     this.view = VIEWS["3D"];
+    this.fitted = true;
     this.#listen();
     this.setBounds(new T.Box3(new T.Vector3(-0.1, -0.1, 0), new T.Vector3(0.1, 0.1, AXIS_HEIGHT)));
   }
@@ -412,12 +419,18 @@ export class Scene {
     if (this.axes) discard(this.axes.mesh);
     this.bounds = bounds;
     this.axes = new Axes(this.scene, bounds);
-    this.look(this.view);
+    if (this.fitted) this.look(this.view);
   }
 
   setObjects({ names, arrays }) {
-    this.solids.forEach((solid) => solid.dispose());
-    this.solids = names.map((_, k) => new Solid(this.scene, arrays[`vertices${k}`], arrays[`faces${k}`]));
+    const old = this.solids;
+    this.solids = names.map((_, k) => {
+      const vertices = arrays[`vertices${k}`], faces = arrays[`faces${k}`];
+      if (!old[k]?.has(faces)) return new Solid(this.scene, vertices, faces);
+      old[k].move(vertices);
+      return old[k];
+    });
+    old.filter((solid) => !this.solids.includes(solid)).forEach((solid) => solid.dispose());
     this.setColours(this.colours);
   }
 
@@ -496,6 +509,7 @@ export class Scene {
     this.orbit.target.copy(centre);
     this.camera.position.copy(centre).addScaledVector(away, distance);
     this.orbit.update();
+    this.fitted = true;
     this.redraw();
   }
 
@@ -571,8 +585,7 @@ export class Scene {
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     this.labelsChanged = true;
-    if (!this.sized) this.look(this.view);
-    this.sized = true;
+    if (this.fitted) this.look(this.view);
     this.redraw();
   }
 
@@ -629,6 +642,7 @@ export class Scene {
     this.orbit.minDistance = 0.05;
     this.orbit.maxDistance = 5;
     this.orbit.addEventListener("change", () => {
+      this.fitted = false;
       this.labelsChanged = true;
       this.redraw();
     });

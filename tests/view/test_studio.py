@@ -1,0 +1,342 @@
+"""A studio on an emulated device, directed by a page: the bits that the boards played are what counts."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from phasewire import Device, Emulator, Mesh, TransducerArray, open_device, pressure
+from phasewire.host.hands.sources import open_hands
+from phasewire.solver.objects.parsing import MovingObject, parse_object
+from phasewire.view import View
+from phasewire.view.hands import MouseHands, at_wall_pace
+from phasewire.view.settings import HandSetting, Settings
+from phasewire.view.shelf import Shelf
+from phasewire.view.studio import Studio
+from phasewire.view.tap import rig_of
+
+from .pages import PATIENCE, Message, Page, page_of
+
+ARRAY = TransducerArray.grid()
+SECOND = 40_000
+"""Carrier periods."""
+
+
+class Session:
+    """A studio that runs in a thread of its own."""
+
+    def __init__(self, emulator: Emulator, device: Device, studio: Studio, view: View) -> None:
+        self.emulator, self.device, self.studio, self.view = emulator, device, studio, view
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=studio.run, args=(view, self._over.is_set))
+        self._thread.start()
+
+    def end(self) -> None:
+        """Let it end; then the emulator is this thread's."""
+        self._over.set()
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+
+    def drives(self, first: int, last: int) -> NDArray[Any]:
+        """What was played, after the end."""
+        return np.asarray(self.emulator.capture().drives(first, last))
+
+
+@contextmanager
+def session(hand: str = "mouse:", objects: tuple[str, ...] = ("cube",), **options: Any) -> Iterator[Session]:
+    shelf = Shelf([(text.partition(":")[0], parse_object(text)) for text in objects])
+    settings = Settings(objects=shelf.settings, hand=HandSetting() if hand == "mouse:" else None)
+    with Emulator(history_periods=60 * SECOND) as emulator, open_device(emulator.url) as device:
+        source: Any = MouseHands(HandSetting()) if hand == "mouse:" else at_wall_pace(open_hands(hand, time))
+        studio = Studio(device, ARRAY, shelf, source, settings, emulator=emulator, **options)
+        studio.warm_up()
+        with View(rig_of(device, ARRAY), settings=settings, director=studio) as view:
+            running = Session(emulator, device, studio, view)
+            try:
+                yield running
+            finally:
+                running.end()
+                source.close()
+
+
+@pytest.fixture
+def stage() -> Iterator[tuple[Session, Page]]:
+    with session() as running, page_of(running.view.url) as page:
+        yield running, page
+
+
+def sounding(frame: Message) -> bool:
+    return bool(frame["state"] == "playing" and frame.array("amplitude").any())
+
+
+def silent(frame: Message) -> bool:
+    return not frame.array("amplitude").any()
+
+
+def places(frame: Message) -> NDArray[Any]:
+    return np.asarray(frame.array("points")[:, :3])
+
+
+def test_the_page_shows_the_bits_that_the_boards_played(stage: tuple[Session, Page]) -> None:
+    running, page = stage
+    frames = [page.until(sounding) for _ in range(5)]
+    running.end()
+    for frame in frames:
+        played = running.drives(frame["period"] - 199, frame["period"] + 1)
+        loudest = np.abs(played[[0, 99, 100, 199]]).max(axis=0)
+        assert frame["origin"] == "bits of the emulated boards"
+        shown = frame.array("amplitude") / 255
+        halves = [np.abs(drive) for drive in (played[-1], *played)]
+        assert any(np.abs(np.maximum(halves[0], other) - shown).max() < 0.003 for other in halves), loudest
+
+
+def test_a_hand_feels_the_object_at_its_points(stage: tuple[Session, Page]) -> None:
+    running, page = stage
+    frame = page.until(lambda message: sounding(message) and len(places(message)) > 4)
+    assert np.abs(places(frame)[:, 2] - 0.17).max() < 0.02
+    running.end()
+    played = running.drives(frame["period"] - 200, frame["period"] + 1)[::20]
+    strongest = np.max([np.abs(pressure(ARRAY, drive, places(frame))) for drive in played], axis=0)
+    assert strongest.mean() > 3 * np.abs(pressure(ARRAY, played[-1], [(0, 0, 0.25)]))[0]
+
+
+def test_a_hand_that_is_moved_takes_the_points_with_it(stage: tuple[Session, Page]) -> None:
+    _, page = stage
+    before = page.until(sounding)
+    page.set(hand={"x": 0.0, "y": 0.0, "z": 0.15})
+    after = page.until(lambda message: sounding(message) and places(message)[:, 2].max() < 0.16)
+    assert before.array("landmarks")[0, 0, 2] > after.array("landmarks")[0, 0, 2] + 0.01
+    page.set(hand={"x": 0.3, "z": 0.3})
+    page.until(lambda message: silent(message) and not len(places(message)))
+
+
+def test_an_object_that_is_moved_or_exchanged_is_felt_where_it_is(stage: tuple[Session, Page]) -> None:
+    _, page = stage
+    page.until(sounding)
+    page.set(objects=[{"kind": "sphere", "x": 0.03, "size": 0.06}])
+    frame = page.until(lambda message: sounding(message) and places(message)[:, 0].min() > -0.005)
+    sphere = Mesh.sphere(0.06).moved((0.03, 0, 0))
+    distance = np.linalg.norm(places(frame) - (0.03, 0, 0.17), axis=1)
+    assert np.abs(distance - 0.03).max() < 0.004
+    np.testing.assert_allclose(
+        page.kept["objects"].array("vertices0").mean(axis=0), sphere.vertices.mean(axis=0), atol=1e-3
+    )
+    page.set(objects=[])
+    page.until(lambda message: silent(message) and not len(places(message)))
+
+
+@pytest.mark.parametrize("how", ["stop", "close", "cut"])
+def test_a_stop_or_the_end_of_the_last_page_turns_the_outputs_off(how: str) -> None:
+    with session() as running:
+        with page_of(running.view.url) as page:
+            frame = page.until(sounding)
+            if how == "stop":
+                page.do("stop")
+                page.until(lambda message: message["state"] == "stopped" and silent(message))
+                page.set(hand={"z": 0.16})
+                for _ in range(10):
+                    assert silent(page.frame())
+            elif how == "cut":
+                page.socket.socket.close()
+        end = time.monotonic() + PATIENCE
+        while running.device.status().enabled:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        running.end()
+        last = running.emulator.capture().periods
+        assert np.abs(running.drives(frame["period"] - 200, frame["period"] + 1)).any()
+        assert not np.abs(running.drives(last - 10, last)).any()
+
+
+def test_it_plays_again_after_a_stop(stage: tuple[Session, Page]) -> None:
+    _, page = stage
+    page.until(sounding)
+    page.do("stop")
+    page.until(lambda message: message["state"] == "stopped")
+    page.do("go")
+    page.until(sounding)
+
+
+def test_one_of_two_pages_may_go(stage: tuple[Session, Page]) -> None:
+    running, page = stage
+    with page_of(running.view.url) as other:
+        other.until(sounding)
+    period = page.until(sounding)["period"]
+    page.until(lambda message: sounding(message) and message["period"] > period + SECOND // 4)
+
+
+def test_unwatched_it_begins_and_goes_on_without_a_page() -> None:
+    with session(unwatched=True) as running:
+        end = time.monotonic() + PATIENCE
+        while not running.device.status().enabled:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        with page_of(running.view.url) as page:
+            page.until(sounding)
+        time.sleep(0.2)
+        assert running.device.status().enabled
+
+
+def test_before_a_page_has_come_nothing_plays() -> None:
+    with session() as running:
+        time.sleep(0.3)
+        assert not running.device.status().enabled
+
+
+def test_amplitude_turns_everything_down(stage: tuple[Session, Page]) -> None:
+    running, page = stage
+    loud = page.until(sounding)
+    page.set(amplitude=0.25)
+    quiet = page.until(lambda message: sounding(message) and message.array("amplitude").max() < 80)
+    running.end()
+    for frame, most in ((loud, 1.0), (quiet, 0.25)):
+        played = np.abs(running.drives(frame["period"] - 100, frame["period"] + 1)).max(axis=1)
+        assert 0.7 * most < played.max() <= most + 0.03
+    # widths are whole ticks: sin(π/50) = 0.063 is the least step
+
+
+def test_a_transducer_can_be_silenced(stage: tuple[Session, Page]) -> None:
+    running, page = stage
+    page.until(sounding)
+    page.set(silenced=[5, 100], pick=5)
+    frame = page.until(lambda message: sounding(message) and not message.array("amplitude")[[5, 100]].any())
+    assert frame["pick"]["silenced"]
+    running.end()
+    played = np.abs(running.drives(frame["period"] - 10, frame["period"] + 1))
+    assert not played[:, [5, 100]].any()
+    assert (played[:, np.delete(np.arange(320), [5, 100])].max(axis=0) > 0).mean() > 0.9
+
+
+def test_method_and_frequency_begin_another_loop(stage: tuple[Session, Page]) -> None:
+    running, page = stage
+    page.until(sounding)
+    page.set(frequency=100.0, method="multiplex")
+    frame = page.until(lambda message: sounding(message) and message.array("amplitude").min() > 250)
+    page.until(lambda message: message["period"] > frame["period"] + 1200)
+    running.end()
+    played = running.drives(frame["period"] + 400, frame["period"] + 1200)
+    assert np.abs(np.abs(played) - 1).max() < 0.1  # linear multiplexing drives all fully, but for the ramps
+    lengths = np.diff(np.flatnonzero(np.abs(np.diff(played, axis=0)).max(axis=1) > 0))
+    assert lengths.max(initial=0) <= 400
+
+
+def test_spacing_places_more_points(stage: tuple[Session, Page]) -> None:
+    _, page = stage
+    few = len(places(page.until(lambda message: sounding(message) and len(places(message)) > 3)))
+    page.set(spacing=0.008, corners=False)
+    page.until(lambda message: len(places(message)) > few + 3)
+
+
+def test_a_fault_that_is_injected_is_seen_on_its_board(stage: tuple[Session, Page]) -> None:
+    _, page = stage
+    page.until(sounding)
+    page.do("fault", fault={"name": "hot-board", "board": 1, "celsius": 90})
+    frame = page.until(lambda message: message["boards"][1])
+    assert "TEMPERATURE" in frame["boards"][1]
+    assert [bool(each) for each in frame["boards"]] == [False, True, False, False, False]
+    assert dict(map(tuple, frame["line"]))["Faults"] == "TEMPERATURE"
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ({"name": "flood"}, "flood"),
+        ({"name": "dead-board"}, "board"),
+        ({"name": "dead-board", "board": 9}, "0 to 4"),
+        ({}, "name"),
+    ],
+)
+def test_a_fault_that_is_none_is_refused(stage: tuple[Session, Page], fault: dict[str, Any], said: str) -> None:
+    _, page = stage
+    page.do("fault", fault=fault)
+    assert said in page.notice()
+
+
+def test_the_page_can_build_every_fault_from_what_it_was_told(stage: tuple[Session, Page]) -> None:
+    from phasewire.emulator.faults import FAULTS
+    from phasewire.emulator.scenario import fault_of
+
+    _, page = stage
+    page.frame()
+    told = page.kept["setup"]["faults"]
+    assert {each["name"] for each in told} == set(FAULTS)
+    for fault in told:
+        entry = {"name": fault["name"]}
+        for field in fault["fields"]:
+            if field["default"] is None and not field["optional"]:
+                entry[field["name"]] = field["values"][0] if field["values"] else field["least"]
+        assert fault_of("test", entry).name() == fault["name"]
+
+
+def test_a_lost_device_is_said_and_play_tries_again(stage: tuple[Session, Page]) -> None:
+    _, page = stage
+    page.until(sounding)
+    page.do("fault", fault={"name": "unplugged", "periods": 4000})
+    assert "Play tries again" in page.notice()
+    page.until(lambda message: message["state"] == "stopped" and silent(message))
+    page.do("go")
+    page.until(sounding)
+
+
+def test_the_past_is_exact_to_the_period(stage: tuple[Session, Page]) -> None:
+    running, page = stage
+    page.set(watched=[3, 200])
+    frame = page.until(sounding)
+    page.until(lambda message: message["period"] > frame["period"] + 8000)
+    shown = []
+    for at in range(frame["period"] - 3, frame["period"] + 3):
+        page.set(at=at)
+        shown.append(page.until(lambda message, at=at: message["period"] == at and not message["live"]))  # type: ignore[misc]
+    running.end()
+    capture = running.emulator.capture()
+    for past in shown:
+        drive = running.drives(past["period"], past["period"] + 1)[0]
+        np.testing.assert_allclose(past.array("amplitude") / 255, np.abs(drive), atol=0.003)
+        bits = capture.channels(past["waves"]["first"], past["waves"]["first"] + 150)
+        np.testing.assert_array_equal(past.array("waves"), bits[:, capture.wiring.channels[[3, 200]]])
+
+
+def test_a_gesture_keeps_the_pace_of_the_wall_clock() -> None:
+    with session("gesture:sweep") as running, page_of(running.view.url) as page:
+        first, began = page.frame(), time.monotonic()
+        last = page.until(lambda message: message["period"] > first["period"] + SECOND)
+        passed = time.monotonic() - began
+        assert (last["period"] - first["period"]) / SECOND == pytest.approx(passed, abs=0.5)
+        page.set(hand={"x": 0.1})
+        assert "only watches" in page.notice()
+
+
+def test_it_ends_with_the_hands() -> None:
+    with session("gesture:approach?seconds=0.5") as running, page_of(running.view.url) as page:
+        page.until(lambda message: message["state"] == "ended")
+        assert not running.device.status().enabled
+
+
+class TestShelf:
+    """The objects that a page chooses among."""
+
+    def test_the_commands_objects_are_where_it_put_them(self) -> None:
+        text = "cube:size=0.06,x=0.02,y=-0.01,z=0.2,rotation=30,turn=90"
+        thing = parse_object(text)
+        shelf = Shelf([("cube", thing)])
+        [again] = shelf.put(shelf.settings)
+        np.testing.assert_allclose(again.mesh.vertices, thing.mesh.vertices, atol=1e-6)
+        assert (again.spin, again.still) == (90, False)
+
+    def test_a_file_is_chosen_by_its_name_and_scaled_by_its_longest_side(self) -> None:
+        box = Mesh.of(Mesh.cube(0.1).vertices * (1, 0.5, 0.2), Mesh.cube(0.1).faces)
+        shelf = Shelf([("box.stl", MovingObject(box))])
+        assert "box.stl" in shelf.kinds
+        [setting] = shelf.settings
+        assert setting.size == pytest.approx(0.1)
+        from dataclasses import replace
+
+        [larger] = shelf.put([replace(setting, size=0.2)])
+        np.testing.assert_allclose(np.ptp(larger.mesh.vertices, axis=0), (0.2, 0.1, 0.04), atol=1e-6)
+        np.testing.assert_allclose(larger.mesh.centre, box.centre, atol=1e-6)

@@ -1,0 +1,222 @@
+"""A view as a program or a notebook uses it: what it is given is what a page gets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from phasewire import (
+    Calibration,
+    Circle,
+    ControlPoints,
+    Hand,
+    Mesh,
+    Pulses,
+    TransducerArray,
+    Wiring,
+    pressure,
+    solve,
+    two_sided,
+)
+from phasewire.view import Rig, Snapshot, View
+from phasewire.view.settings import Settings
+from phasewire.view.snapshot import Waves
+
+from .pages import Message, Page, page_of
+
+ARRAY = TransducerArray.grid()
+POINTS = ControlPoints([(0.02, 0.01, 0.17), (-0.03, 0.0, 0.17)], [1.0, 0.5])
+SOLUTION = solve(ARRAY, POINTS)
+
+
+@pytest.fixture
+def view() -> Iterator[View]:
+    with View(Rig(ARRAY, "the array", Wiring.strips())) as opened:
+        yield opened
+
+
+@pytest.fixture
+def page(view: View) -> Iterator[Page]:
+    with page_of(view.url) as opened:
+        yield opened
+
+
+def emitted(frame: Message) -> Any:
+    return frame.array("amplitude") / 255 * np.exp(2j * np.pi * frame.array("phase") / 256)
+
+
+def test_the_page_knows_the_array(page: Page) -> None:
+    page.frame()
+    setup = page.kept["setup"]
+    np.testing.assert_allclose(setup.array("positions"), ARRAY.positions, atol=1e-7)
+    board, processor, bit = (setup.array(name).astype(int) for name in ("board", "processor", "bit"))
+    np.testing.assert_array_equal(board * 64 + processor * 32 + bit, Wiring.strips().channels)
+    for name in ("cyclic", "sequential"):
+        assert setup.array(name).shape == (256, 3)
+    step = np.abs(np.diff(setup.array("cyclic").astype(int), axis=0, append=setup.array("cyclic")[:1])).max()
+    assert step < 20  # it closes
+    assert setup["device"] == "the array"
+
+
+def test_what_is_given_is_what_the_page_gets(view: View, page: Page) -> None:
+    hand, cube = Hand.flat((0.01, 0, 0.2), "left"), Mesh.cube(0.05)
+    view.update(SOLUTION, hands=hand, objects=cube)
+    frame = page.until(lambda message: message["sides"] == ["left"])
+    np.testing.assert_allclose(emitted(frame), SOLUTION.drive, atol=0.03)
+    np.testing.assert_allclose(frame.array("landmarks")[0], hand.landmarks, atol=1e-6)
+    np.testing.assert_allclose(frame.array("quads")[0], hand.quads, atol=1e-6)
+    np.testing.assert_allclose(frame.array("points")[:, :3], POINTS.positions, atol=1e-6)
+    np.testing.assert_allclose(frame.array("points")[:, 3], [1, 0.5])
+    objects = page.kept["objects"]
+    np.testing.assert_allclose(objects.array("vertices0"), cube.vertices, atol=1e-6)
+    np.testing.assert_array_equal(objects.array("faces0"), cube.faces)
+    moved = cube.moved((0, 0.01, 0))
+    view.update(objects=moved)
+    frame = page.until(lambda message: "mesh0" in message["arrays"])
+    np.testing.assert_allclose(frame.array("mesh0"), moved.vertices, atol=1e-6)
+    assert frame["sides"] == ["left"]  # what was not given has stayed
+    view.update(objects=[])
+    page.until(lambda message: page.kept["objects"]["names"] == [])
+
+
+def test_settings_of_the_page_change_the_picture(view: View, page: Page) -> None:
+    view.update(SOLUTION)
+    page.set(xy=False, xz=True, xz_at=0.01, quantity="phase", probe=[0.02, 0.01, 0.17], pick=7)
+    frame = page.until(lambda message: [plane["name"] for plane in message["planes"]] == ["xz"])
+    assert frame["scale"]["unit"] == "°"
+    at = [(0.02, 0.01, 0.17)]
+    assert frame["probe"]["pascals"] == pytest.approx([abs(pressure(ARRAY, SOLUTION.drive, at)[0])], rel=1e-3)
+    lines = dict(frame["pick"]["lines"])
+    pulses = Pulses.from_drive(SOLUTION.drive)
+    assert lines["Pulse"].startswith(f"{pulses.width[7]} ticks wide, centred at {pulses.phase[7]} ")
+    channel = int(Wiring.strips().channels[7])
+    assert [lines["Board"], lines["Processor"], lines["Bit"]] == [
+        str(channel // 64),
+        str(channel // 32 % 2),
+        str(channel % 32),
+    ]
+    assert page.kept["settings"]["values"]["xz_at"] == 0.01
+
+
+def test_all_pages_show_the_same_settings_and_one_that_comes_later_has_a_frame(view: View, page: Page) -> None:
+    page.frame()
+    with page_of(view.url) as other:
+        other.frame()
+        page.set(yz=True)
+        other.until(lambda _: other.kept["settings"]["values"]["yz"])
+
+
+def test_what_is_refused_is_said_and_changes_nothing(view: View, page: Page) -> None:
+    page.set(xz=True, xy_at=7)
+    assert "xy_at 7 must be from 0.03 to 0.5" in page.notice()
+    page.set(amplitude=0.5)
+    assert "only watches" in page.notice()
+    page.socket.send("no JSON")
+    assert "command" in page.notice()
+    assert view.settings == Settings()
+
+
+def test_two_fields_are_shown_by_their_stronger_one(view: View, page: Page) -> None:
+    both = two_sided(ARRAY, ControlPoints([(0.03, 0, 0.17), (-0.03, 0, 0.17)]))
+    view.update(both)
+    page.set(quantity="felt")
+    frame = page.until(lambda message: message["scale"]["label"].startswith("Change") and message.array("xy").any())
+    np.testing.assert_allclose(frame.array("amplitude") / 255, np.abs(both.drives).max(axis=0), atol=0.003)
+
+
+def test_another_method_is_shown_beside(view: View, page: Page) -> None:
+    ring = Circle(0.03, 0.17).sample(0.01)
+    view.settle(compare="multiplex")
+    view.update(two_sided(ARRAY, ring))
+    frame = page.until(lambda message: message["side"] is not None)
+    side = frame["side"]
+    assert (side["method"], side["other"]) == ("wgs", "multiplex")
+    assert frame.array(side["array"]).shape == frame.array(side["this_array"]).shape == frame.array("xy").shape
+    assert (frame.array(side["array"]) != frame.array(side["this_array"])).any()
+    np.testing.assert_array_equal(frame.array(side["this_array"]), frame.array("xy"))
+    other = two_sided(ARRAY, ring, method="multiplex").drives
+    mean = np.max([np.abs(pressure(ARRAY, drive, ring.positions)) for drive in other], axis=0).mean()
+    shown = {label: that for label, _, that in side["numbers"]}["Mean at the points"]
+    assert float(shown.split()[0]) == pytest.approx(mean, rel=0.05)
+
+
+def test_it_goes_back_to_what_was(view: View, page: Page) -> None:
+    for number in range(5):
+        view.show(Snapshot(np.full((1, 320), number / 5), period=1000 * number))
+    live = page.until(lambda message: message["period"] == 4000)
+    assert (live["live"], live["oldest"], live["newest"]) == (True, 0, 4000)
+    page.set(at=2999)
+    past = page.until(lambda message: not message["live"])
+    assert past["period"] == 2000
+    assert past.array("amplitude")[0] == round(255 * 2 / 5)
+    view.show(Snapshot(np.ones((1, 320)), period=5000))
+    assert page.until(lambda message: message["newest"] == 5000)["period"] == 2000
+    page.set(at=None)
+    assert page.until(lambda message: message["live"])["period"] == 5000
+
+
+def test_waves_are_shown_with_the_pins_names(view: View, page: Page) -> None:
+    bits = np.random.default_rng(1).integers(0, 2, (150, 2)).astype(np.uint8)
+    view.show(Snapshot(np.zeros((1, 320)), waves=Waves((0, 319), 500, bits)))
+    frame = page.until(lambda message: message["waves"] is not None)
+    assert frame["waves"]["first"] == 500
+    assert re.fullmatch(r"0: b0p0_\d\d", frame["waves"]["names"][0])
+    np.testing.assert_array_equal(frame.array("waves"), bits)
+
+
+def test_a_calibration_is_told() -> None:
+    calibration = Calibration(np.full(320, 0.8), np.full(320, -12.0), -np.ones(320), np.zeros(320))
+    with View(Rig(ARRAY, calibration=calibration), settings=Settings(pick=3)) as view, page_of(view.url) as page:
+        assert dict(page.frame()["pick"]["lines"])["Calibration"] == "gain 0.800, -12.0°, reversed"
+
+
+def test_an_array_of_any_size_and_form_can_be_seen() -> None:
+    array = TransducerArray.grid(3, 2).rotated(30, (0, 1, 0))
+    with View(array) as view, page_of(view.url) as page:
+        view.update(np.array([1, 1j, -1, 0.5, 0, 1]))
+        frame = page.until(lambda message: message.array("amplitude").any())
+        assert frame.array("amplitude").tolist() == [255, 255, 255, 128, 0, 255]
+        assert frame.array("phase").tolist()[:3] == [0, 64, 128]
+
+
+def test_a_plane_that_is_too_close_is_turned_off_and_said() -> None:
+    with View(ARRAY.rotated(90, (1, 0, 0)), settings=Settings(xy_at=0.03)) as view, page_of(view.url) as page:
+        assert page.frame()["planes"] == []
+        assert not view.settings.xy
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"drive": np.zeros(7)}, "320 transducers"),
+        ({"drive": np.zeros((3, 320))}, "one or two fields"),
+        ({"drive": np.full(320, 2)}, "magnitude 1"),
+        ({"drive": np.full(320, np.nan)}, "finite"),
+        ({"points": [(0, 0)]}, r"\(m, 3\)"),
+        ({"points": [(0, 0, np.inf)]}, r"\(m, 3\)"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(view: View, given: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        view.update(**given)
+
+
+def test_a_notebook_shows_it_in_a_frame(view: View) -> None:
+    assert f'src="{view.url}"' in view._repr_html_()
+
+
+def test_it_ends_with_pages_open_and_twice(view: View, page: Page) -> None:
+    page.frame()
+    view.close()
+    view.close()
+
+
+def test_without_a_page_nothing_is_painted(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
+    painted: list[Any] = []
+    monkeypatch.setattr(view, "_frame", lambda: painted.append(1) or b"")
+    for number in range(20):
+        view.show(Snapshot(np.zeros((1, 320)), period=number))
+    assert not painted
