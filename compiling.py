@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import EnumType
 from hashlib import sha256
+from threading import Lock
 from types import CodeType, FunctionType
 from typing import Any, TypeVar, cast
 
@@ -25,6 +26,8 @@ __all__ = ["kernel", "part"]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _log = logging.getLogger(__name__)
+_choosing = Lock()
+"""Of numba's setting, which all threads share: several may load kernels at a time."""
 
 
 class _Notice(event.Listener):
@@ -82,12 +85,13 @@ def kernel(function: Function, **options: Any) -> Function:
 def _kernels_folder() -> Iterator[None]:
     """Let numba choose the user's cache folder for functions of this block, and no others, unless one is named."""
     settings: Any = config  # numba makes its names while it is imported
-    before = settings.CACHE_DIR
-    settings.CACHE_DIR = before or str(user_cache_path("phasewire") / "kernels")
-    try:
-        yield
-    finally:
-        settings.CACHE_DIR = before
+    with _choosing:
+        before = settings.CACHE_DIR
+        settings.CACHE_DIR = before or str(user_cache_path("phasewire") / "kernels")
+        try:
+            yield
+        finally:
+            settings.CACHE_DIR = before
 
 
 def part(function: Function) -> Function:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -16,12 +16,13 @@ from ..host.hands.pose import Pose
 from ..host.hands.sources import HandSource, files_of, open_hands
 from ..host.lines.opening import DEFAULT_URL
 from ..host.playing.device import open_device
+from ..protocol.plain import plain
 from ..signals import loading
 from ..solver import METHODS
 from ..solver.contact.solids import SOLIDS
 from ..solver.objects.parsing import object_help, parse_object
 from ..storage import check_outputs
-from .console import among, error_console
+from .console import JsonOption, among, console_for, error_console, write_json
 from .options import MOST_SECONDS, CalibrationOption, DeviceOption, PoseOption, load_calibration
 from .playing import array_of
 from .points import ArrayOption, load_array
@@ -115,9 +116,10 @@ def view(
     pose: PoseOption = None,
     array: ArrayOption = None,
     calibration: CalibrationOption = None,
+    json_target: JsonOption = None,
 ) -> None:
     """Open the live page; the help above has the details."""
-    check_outputs([save], [*files_of(hand), *filter(None, (pose, array, calibration))])
+    check_outputs([save, json_target], [*files_of(hand), *filter(None, (pose, array, calibration))])
     if save is not None:
         suffix_of(save)
     if listen != LOOPBACK:
@@ -127,6 +129,7 @@ def view(
             style="yellow",
         )
     named = objects or ["cube"]
+    told: dict[str, Any] = {"format": "phasewire-view-1", "shown": named, "device": None, "status": None}
     if len(named) == 1 and Path(named[0]).suffix.lower() in TAPES:
         with (
             open_tape(Path(named[0])) as tape,
@@ -141,6 +144,7 @@ def view(
             ) as page,
         ):
             _show(page, lambda over: tape.run(page, over), time.monotonic, save, seconds, browser)
+        write_json(json_target, told)
         return
     placed, own = None if pose is None else Pose.load(pose), load_array(array)
     with error_console().status("reading") as status:
@@ -177,7 +181,9 @@ def view(
         )
         page.warm_up()
         _show(page, lambda over: studio.run(page, over), opened.time.monotonic, save, seconds, browser)
-    error_console().print("The outputs are off.")
+        told |= {"device": opened.name, "status": plain(opened.status())}
+    console_for(json_target).print("The outputs are off.")
+    write_json(json_target, told)
 
 
 def _show(

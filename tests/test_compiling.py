@@ -5,9 +5,11 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import pytest
+from numba import config
 from phasewire.compiling import _fingerprint, _notice, kernel
 
 
@@ -131,3 +133,28 @@ def test_the_first_compilation_of_a_kernel_of_the_package_is_logged_once(
         kernel(there["thrice"])(14)
         assert [record.name for record in caplog.records] == ["phasewire.compiling"] * (name != "outside.zero")
     assert re.search(when, caplog.messages[0])
+
+
+def test_threads_that_load_kernels_at_a_time_share_the_users_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """numba's setting is global: without a lock one thread restores it while another one uses it."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(config, "CACHE_DIR", "")
+    places: list[str] = []
+
+    def load() -> None:
+        for _ in range(50):
+            places.append(kernel(test_a_function_without_a_file_is_compiled_uncached)._cache._cache_path)  # type: ignore[attr-defined]
+
+    before, threads = sys.getswitchinterval(), [Thread(target=load) for _ in range(8)]
+    sys.setswitchinterval(1e-6)
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(before)
+    assert len(places) == 400
+    assert all(place.startswith(str(tmp_path)) for place in places)

@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..errors import PhasewireError
+from ..errors import MissingExtraError, PhasewireError
 from ..storage import replacing
 from .view import View
 
-__all__ = ["PICTURE_SUFFIXES", "VIDEO_SUFFIX", "NoBrowserError", "open_page", "saved_from", "suffix_of"]
+__all__ = ["START_SECONDS", "open_page", "saved_from", "suffix_of"]
 
 BROWSERS = (
     "chromium",
@@ -43,10 +43,6 @@ FLAGS = (
     "--no-first-run",
     "--mute-audio",
 )
-
-
-class NoBrowserError(PhasewireError):
-    """No browser is installed that can draw without a window."""
 
 
 def open_page(view: View) -> bool:
@@ -83,7 +79,7 @@ def saved_from(view: View, path: Path, seconds: float) -> Iterator[None]:
 
     Raises
     ------
-    NoBrowserError
+    MissingExtraError
         If no browser is found.
     PhasewireError
         If the browser has sent no picture.
@@ -122,6 +118,6 @@ def _browser() -> str:
         if named
         else "no Chromium, Chrome or Edge is installed"
     )
-    raise NoBrowserError(
+    raise MissingExtraError(
         f"a picture without a window needs a browser, but {wanted}; {BROWSER_VARIABLE} can name another program"
     )

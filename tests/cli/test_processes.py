@@ -85,6 +85,7 @@ ROWS = {
     "stream": Row("stream circle:radius=0.02 --spin 5 --rate 1000 --seconds 0.05", OFF),
     "play": Row("play circle --seconds 0.05", OFF),
     "touch": Row("touch cube --hand gesture:sweep?rate=100 --seconds 1.5", OFF),
+    "view": Row("view cube --no-browser --unwatched --seconds 0.2", OFF),
     "record": Row(
         "record circle --seconds 0.01 --output c.frames", r"c\.frames: 10 frames at 1000/s", makes=("c.frames",)
     ),

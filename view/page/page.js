@@ -2,7 +2,7 @@
 
 import { isDrawnBySoftware, paint, Scene } from "./scene.js";
 
-const PERIOD_SECONDS = 25e-6, TICK_MICROSECONDS = 0.5;
+const TICK_MICROSECONDS = 0.5, PERIOD_TICKS = 50;
 const SEND_MS = 1000 / 60, RECONNECT_MS = 1000, KEEP_OURS_MS = 700, NOTICE_MS = 8000, FILM_MS = 1000 / 30;
 const MOST_WATCHED = 8, WAVE_HEIGHT = 26, BAR = { width: 12, height: 160, top: 62, wide: 156, narrow: 92 };
 const UNITS = { mm: 1000, "%": 100 };
@@ -187,7 +187,7 @@ function makeSlider(place) {
   const times = UNITS[unit] ?? 1;
   const label = element("label", { textContent: place.textContent, htmlFor: path });
   const input = element("input", { type: "range", id: path, step });
-  const output = element("output", { htmlFor: path });
+  const output = element("span");
   place.classList.add("slider");
   place.replaceChildren(label, input, output);
   const tell = () => {
@@ -294,9 +294,11 @@ function showScale(input) {
   const { largest = 1, unit = "" } = page.frame?.scale ?? {};
   const value = read("scale") ?? largest;
   const power = Math.log10(Math.max(1e-9, value));
-  if (!(power > input.min && power < input.max)) Object.assign(input, { min: power - 2, max: power + 2 });
-  input.disabled = read("scale") === null;
-  input.value = power;
+  if (!isBusy(input)) {
+    if (!(power > input.min && power < input.max)) Object.assign(input, { min: power - 2, max: power + 2 });
+    input.disabled = read("scale") === null;
+    input.value = power;
+  }
   input.ariaValueText = `${short(value)} ${unit.replace(/ \(.*\)/, "")}`;
   say(byId("largest"), input.ariaValueText);
 }
@@ -436,7 +438,7 @@ function showTime({ seconds, period, live, oldest, newest }) {
 
 function showProbe(probe) {
   const rows = probe?.pascals.map((pascals, k) =>
-    [probe.pascals.length > 1 ? `Field ${k + 1}` : "", `${short(pascals)} Pa`, `${probe.decibels[k].toFixed(1)} dB`, `${probe.degrees[k].toFixed(0)}°`]);
+    [probe.pascals.length > 1 ? `Half ${k}` : "", `${short(pascals)} Pa`, `${probe.decibels[k].toFixed(1)} dB`, `${probe.degrees[k].toFixed(0)}°`]);
   showTable(byId("probe"), rows ?? []);
 }
 
@@ -496,12 +498,11 @@ function showWaves({ waves, arrays }) {
 }
 
 function drawTimes(context, first, ticks, x, height) {
-  const period = 25 / TICK_MICROSECONDS;
   context.textAlign = "center";
   context.fillStyle = colours.dim;
   context.strokeStyle = colours.line;
   context.beginPath();
-  for (let tick = 0; tick <= ticks; tick += period) {
+  for (let tick = 0; tick <= ticks; tick += PERIOD_TICKS) {
     context.moveTo(x(tick), 0);
     context.lineTo(x(tick), height - 26);
     context.fillText(String(tick * TICK_MICROSECONDS), x(tick), height - 14);

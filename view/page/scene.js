@@ -22,7 +22,7 @@ function shown(object, parent) {
 }
 
 function discard(object) {
-  object.removeFromParent?.() ?? object.parent?.remove(object);
+  object.removeFromParent();
   object.traverse((part) => {
     part.geometry?.dispose();
     part.material?.map?.dispose();
@@ -295,7 +295,7 @@ class Solid {
     this.outline = shown(new T.LineSegments(outline, new T.LineBasicMaterial({ transparent: true })), parent);
     this.at = at;
     this.faces = faces;
-    this.clarity = Math.min(0.5, 700 / outline.index.count);
+    this.clarity = Math.min(0.5, 3000 / outline.index.count);
   }
 
   has(faces) {
@@ -669,6 +669,7 @@ export class Scene {
 
   #press(event) {
     if (event.target !== this.canvas || event.button !== 0 || this.grabbed) return;
+    this.canvas.focus({ preventScroll: true });
     this.pressed = { x: event.clientX, y: event.clientY };
     const caster = this.#caster(event);
     const grabbed = this.#graspable(caster);
