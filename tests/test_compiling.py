@@ -4,12 +4,14 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 from threading import Thread
 from typing import Any
 
 import pytest
 from numba import config
+from phasewire import compiling
 from phasewire.compiling import _fingerprint, _notice, kernel
 
 
@@ -25,6 +27,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
+from phasewire import compiling
 from phasewire.compiling import part
 
 FACTOR = 2
@@ -74,14 +77,16 @@ def test_the_fingerprint_covers_all_parts_of_a_kernel(change: tuple[str, str]) -
 def test_a_kernel_is_compiled_anew_if_a_part_or_a_constant_of_another_file_has_changed(tmp_path: Path) -> None:
     """The kernel's own file stays as it is; the third run loads the second one's result."""
     (tmp_path / "whole.py").write_text(
-        "from pieces import FACTOR, add\nfrom phasewire.compiling import kernel\n\n\n"
+        "from pieces import FACTOR, add\nfrom phasewire import compiling
+from phasewire.compiling import kernel\n\n\n"
         "@kernel\ndef whole(x):\n    return FACTOR * add(x)\n\n\n"
         "print(whole(1), sum(whole.stats.cache_hits.values()))\n"
     )
     said = []
     for factor, added in ((2, 1), (2, 3), (2, 3), (5, 3)):
         (tmp_path / "pieces.py").write_text(
-            "from phasewire.compiling import part\n\n"
+            "from phasewire import compiling
+from phasewire.compiling import part\n\n"
             f"FACTOR = {factor}\n\n\n@part\ndef add(x):\n    return x + {added}\n"
         )
         environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
@@ -96,7 +101,8 @@ def test_kernels_are_cached_in_the_users_cache_folder_unless_another_is_named(tm
     """A copy of a package leaves nothing beside its files, and numba's own default stays as it is."""
     package = tmp_path / "package"
     package.mkdir()
-    (package / "one.py").write_text("from phasewire.compiling import kernel\n\n\n@kernel\ndef one():\n    return 1\n")
+    (package / "one.py").write_text("from phasewire import compiling
+from phasewire.compiling import kernel\n\n\n@kernel\ndef one():\n    return 1\n")
     code = "import one, numba; one.one(); print(one.one.stats.cache_path, repr(numba.config.CACHE_DIR))"
     base = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     base |= {"PYTHONDONTWRITEBYTECODE": "1", "XDG_CACHE_HOME": str(tmp_path / "user"), "HOME": str(tmp_path)}
@@ -141,20 +147,21 @@ def test_threads_that_load_kernels_at_a_time_share_the_users_folder(
     """numba's setting is global: without a lock one thread restores it while another one uses it."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(config, "CACHE_DIR", "")
-    places: list[str] = []
+    real, places = compiling.njit, list[str]()
+
+    def slowly(**options: Any) -> Any:
+        time.sleep(0.002)
+        return real(**options)
 
     def load() -> None:
-        for _ in range(50):
-            places.append(kernel(test_a_function_without_a_file_is_compiled_uncached)._cache._cache_path)  # type: ignore[attr-defined]
+        compiled: Any = kernel(test_a_function_without_a_file_is_compiled_uncached)
+        places.append(compiled._cache._cache_path)
 
-    before, threads = sys.getswitchinterval(), [Thread(target=load) for _ in range(8)]
-    sys.setswitchinterval(1e-6)
-    try:
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    finally:
-        sys.setswitchinterval(before)
-    assert len(places) == 400
+    monkeypatch.setattr(compiling, "njit", slowly)
+    threads = [Thread(target=load) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(places) == 8
     assert all(place.startswith(str(tmp_path)) for place in places)
