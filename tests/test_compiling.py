@@ -27,7 +27,6 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from phasewire import compiling
 from phasewire.compiling import part
 
 FACTOR = 2
@@ -77,16 +76,14 @@ def test_the_fingerprint_covers_all_parts_of_a_kernel(change: tuple[str, str]) -
 def test_a_kernel_is_compiled_anew_if_a_part_or_a_constant_of_another_file_has_changed(tmp_path: Path) -> None:
     """The kernel's own file stays as it is; the third run loads the second one's result."""
     (tmp_path / "whole.py").write_text(
-        "from pieces import FACTOR, add\nfrom phasewire import compiling
-from phasewire.compiling import kernel\n\n\n"
+        "from pieces import FACTOR, add\nfrom phasewire.compiling import kernel\n\n\n"
         "@kernel\ndef whole(x):\n    return FACTOR * add(x)\n\n\n"
         "print(whole(1), sum(whole.stats.cache_hits.values()))\n"
     )
     said = []
     for factor, added in ((2, 1), (2, 3), (2, 3), (5, 3)):
         (tmp_path / "pieces.py").write_text(
-            "from phasewire import compiling
-from phasewire.compiling import part\n\n"
+            "from phasewire.compiling import part\n\n"
             f"FACTOR = {factor}\n\n\n@part\ndef add(x):\n    return x + {added}\n"
         )
         environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
@@ -101,8 +98,7 @@ def test_kernels_are_cached_in_the_users_cache_folder_unless_another_is_named(tm
     """A copy of a package leaves nothing beside its files, and numba's own default stays as it is."""
     package = tmp_path / "package"
     package.mkdir()
-    (package / "one.py").write_text("from phasewire import compiling
-from phasewire.compiling import kernel\n\n\n@kernel\ndef one():\n    return 1\n")
+    (package / "one.py").write_text("from phasewire.compiling import kernel\n\n\n@kernel\ndef one():\n    return 1\n")
     code = "import one, numba; one.one(); print(one.one.stats.cache_path, repr(numba.config.CACHE_DIR))"
     base = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     base |= {"PYTHONDONTWRITEBYTECODE": "1", "XDG_CACHE_HOME": str(tmp_path / "user"), "HOME": str(tmp_path)}
