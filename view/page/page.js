@@ -115,6 +115,7 @@ function stop() {
   stopWanted = socket?.readyState !== WebSocket.OPEN;
   if (stopWanted) notice("Not connected: STOP is sent when the connection is back", true);
   else send({ do: "stop" });
+  if (read("at") != null) set({ at: null });
 }
 
 function notice(text, error = false) {
@@ -388,7 +389,7 @@ function showFresh() {
 }
 
 function showFrame(frame) {
-  showState(frame.state);
+  showState(frame.state, frame.live);
   say(byId("origin"), frame.origin);
   showPairs(byId("line"), frame.line);
   showPairs(byId("pick"), frame.pick?.lines ?? []);
@@ -402,10 +403,10 @@ function showFrame(frame) {
   describe(frame);
 }
 
-function showState(state) {
+function showState(state, live = true) {
   const lost = socket.readyState !== WebSocket.OPEN;
-  say(byId("state"), lost ? "no connection" : state);
-  byId("state").dataset.state = lost ? "lost" : state;
+  say(byId("state"), lost ? "no connection" : live ? state : `past: ${state}`);
+  byId("state").dataset.state = lost ? "lost" : live ? state : "past";
   byId("go").hidden = lost || state !== "stopped" || !has("play");
 }
 

@@ -5,7 +5,7 @@ const T = window.THREE;
 
 const SIDES = 20, DISC = 4.9e-3, HOUSING = 5.1e-3, BOARD_DEPTHS = [-1e-3, 5e-3];
 const TICK = 0.05, MARGIN = 0.02, AXIS_HEIGHT = 0.25;
-const BUTTONS = 60, JOINT = 4e-3, REACH_OF_JOINT = 8e-3, DRAG_PIXELS = 4, TURN = Math.PI / 36, ZOOM = 1.2;
+const BUTTONS = 60, LEGEND = 190, JOINT = 4e-3, REACH_OF_JOINT = 8e-3, DRAG_PIXELS = 4, TURN = Math.PI / 36, ZOOM = 1.2;
 const BONES = [[0, 1, 2, 3, 4], [0, 5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [0, 17, 18, 19, 20], [5, 9, 13, 17]]
   .flatMap((chain) => chain.slice(1).map((to, k) => [chain[k], to]));
 const ASIDE = [[0, -5e-3, -3e-3], [-5e-3, 0, -3e-3], [-4e-3, -4e-3, 0]];
@@ -516,8 +516,8 @@ export class Scene {
   /** The least distance from which the whole space is seen, with room for the labels of its axes. */
   #distance(centre, away) {
     const right = this.camera.up.clone().cross(away).normalize(), up = away.clone().cross(right);
-    const half = Math.tan((0.5 * this.camera.fov * Math.PI) / 180), wide = half * this.camera.aspect;
-    const high = half * Math.max(0.5, 1 - BUTTONS / this.canvas.clientHeight);
+    const half = Math.tan((0.5 * this.camera.fov * Math.PI) / 180), high = half * Math.max(0.5, 1 - BUTTONS / this.canvas.clientHeight);
+    const wide = half * this.camera.aspect * Math.max(0.5, 1 - LEGEND / this.canvas.clientWidth);
     const { min, max } = this.bounds.clone().expandByScalar(MARGIN);
     const corners = [min.x - MARGIN, max.x].flatMap((x) => [min.y - MARGIN, max.y].flatMap((y) =>
       [min.z, max.z].map((z) => new T.Vector3(x, y, z).sub(centre))));
@@ -582,8 +582,7 @@ export class Scene {
     if (!width || !height) return;
     this.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio));
     this.renderer.setSize(width, height);
-    this.camera.aspect = width / height;
-    this.camera.updateProjectionMatrix();
+    this.camera.setViewOffset(width, height, LEGEND / 2, 0, width, height);
     this.labelsChanged = true;
     if (this.fitted) this.look(this.view);
     this.redraw();
