@@ -30,7 +30,8 @@ const element = (tag, properties = {}, ...children) => {
 const say = (target, text) => { if (target.textContent !== text) target.textContent = text; };
 const has = (group) => page.setup?.controls.includes(group) ?? false;
 const clamp = (value, least, most) => Math.min(most, Math.max(least, value));
-const short = (value) => (Math.abs(value) < 1e4 && Math.abs(value) >= 0.01 ? String(Number(value.toPrecision(3))) : value.toExponential(1));
+const isPlain = (value) => value === 0 || (Math.abs(value) >= 0.01 && Math.abs(value) < 1e4);
+const short = (value) => (isPlain(value) ? String(Number(value.toPrecision(3))) : value.toExponential(1));
 
 // Messages
 
@@ -343,7 +344,8 @@ function removeObject() {
 function showFaultFields() {
   const fault = page.setup.faults.find(({ name }) => name === byId("fault-name").value);
   byId("fault-fields").replaceChildren(...(fault?.fields ?? []).map((field) =>
-    element("div", { className: "row" }, element("label", { htmlFor: `fault.${field.name}`, textContent: field.name }), faultInput(field))));
+    element("div", { className: "row" },
+      element("label", { htmlFor: `fault.${field.name}`, textContent: field.name }), faultInput(field))));
 }
 
 function faultInput({ name, least, most, whole, optional, values, default: given }) {
@@ -424,7 +426,8 @@ function showTable(table, rows) {
   if (table.text === text) return;
   table.text = text;
   table.replaceChildren(...rows.map(([label, ...cells]) =>
-    element("tr", {}, element("th", { scope: "row", textContent: label }), ...cells.map((cell) => element("td", { textContent: cell })))));
+    element("tr", {}, element("th", { scope: "row", textContent: label }),
+      ...cells.map((textContent) => element("td", { textContent })))));
 }
 
 function showTime({ seconds, period, live, oldest, newest }) {
@@ -438,9 +441,11 @@ function showTime({ seconds, period, live, oldest, newest }) {
 }
 
 function showProbe(probe) {
-  const rows = probe?.pascals.map((pascals, k) =>
-    [probe.pascals.length > 1 ? `Half ${k}` : "", `${short(pascals)} Pa`, `${probe.decibels[k].toFixed(1)} dB`, `${probe.degrees[k].toFixed(0)}°`]);
-  showTable(byId("probe"), rows ?? []);
+  const halves = probe?.pascals.map((pascals, k) => [
+    probe.pascals.length > 1 ? `Half ${k}` : "", `${short(pascals)} Pa`,
+    `${probe.decibels[k].toFixed(1)} dB`, `${probe.degrees[k].toFixed(0)}°`,
+  ]);
+  showTable(byId("probe"), halves ?? []);
 }
 
 function showFaults(boards) {
@@ -580,7 +585,7 @@ function drawBar(context, left, title, most, map, stride) {
   for (let tick = 0; tick * stride <= most * 1.001; tick++) {
     const y = bottom - (tick * stride * BAR.height) / most;
     context.fillRect(left + BAR.width, y - 0.5, 4, 1);
-    context.fillText(tick ? short(tick * stride) : "0", left + BAR.width + 8, y);
+    context.fillText(short(tick * stride), left + BAR.width + 8, y);
   }
 }
 
@@ -618,7 +623,7 @@ function drawLabels(context) {
 
 function pictureTitle() {
   const { scale, seconds } = page.frame ?? { scale: {}, seconds: 0 };
-  return ["phasewire", page.setup?.device, scale.label, `${seconds.toFixed(4)} s`].filter(Boolean).join(" · ");
+  return [page.setup?.device, scale.label, `${seconds.toFixed(4)} s`].filter(Boolean).join(" · ");
 }
 
 function startFilm() {

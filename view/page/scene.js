@@ -5,7 +5,7 @@ const T = window.THREE;
 
 const SIDES = 20, DISC = 4.9e-3, HOUSING = 5.1e-3, BOARD_DEPTHS = [-1e-3, 5e-3];
 const TICK = 0.05, MARGIN = 0.02, AXIS_HEIGHT = 0.25;
-const BUTTONS = 60, LEGEND = 190, JOINT = 4e-3, REACH_OF_JOINT = 8e-3, DRAG_PIXELS = 4, TURN = Math.PI / 36, ZOOM = 1.2;
+const BUTTONS = 60, LEGEND = 130, JOINT = 4e-3, REACH_OF_JOINT = 8e-3, DRAG_PIXELS = 4, TURN = Math.PI / 36, ZOOM = 1.2;
 const BONES = [[0, 1, 2, 3, 4], [0, 5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [0, 17, 18, 19, 20], [5, 9, 13, 17]]
   .flatMap((chain) => chain.slice(1).map((to, k) => [chain[k], to]));
 const ASIDE = [[0, -5e-3, -3e-3], [-5e-3, 0, -3e-3], [-4e-3, -4e-3, 0]];
@@ -113,9 +113,11 @@ class Transducers {
 
   #circles() {
     const corners = Array.from({ length: SIDES }, (_, side) => (2 * Math.PI * side) / SIDES);
-    const flat = this.places.flatMap((place, k) => corners.flatMap((angle) =>
-      new T.Vector3(Math.cos(angle), Math.sin(angle), 0).multiplyScalar(HOUSING).applyQuaternion(this.turns[k]).add(place).toArray()));
-    const index = this.places.flatMap((_, k) => corners.flatMap((_angle, side) => [SIDES * k + side, SIDES * k + ((side + 1) % SIDES)]));
+    const around = corners.map((angle) => new T.Vector3(HOUSING * Math.cos(angle), HOUSING * Math.sin(angle), 0));
+    const flat = this.places.flatMap((place, k) =>
+      around.flatMap((offset) => offset.clone().applyQuaternion(this.turns[k]).add(place).toArray()));
+    const index = this.places.flatMap((_, k) =>
+      corners.flatMap((_angle, side) => [SIDES * k + side, SIDES * k + ((side + 1) % SIDES)]));
     return new T.BufferGeometry().setAttribute("position", new T.Float32BufferAttribute(flat, 3)).setIndex(index);
   }
 
@@ -289,7 +291,8 @@ function nearest(ray, places) {
 class Solid {
   constructor(parent, vertices, faces) {
     const at = new T.BufferAttribute(new Float32Array(vertices), 3);
-    const surface = new T.BufferGeometry().setAttribute("position", at).setIndex(new T.BufferAttribute(new Uint32Array(faces), 1));
+    const corners = new T.BufferAttribute(new Uint32Array(faces), 1);
+    const surface = new T.BufferGeometry().setAttribute("position", at).setIndex(corners);
     const outline = new T.BufferGeometry().setAttribute("position", at).setIndex(edges(vertices, faces));
     this.mesh = shown(new T.Mesh(surface, basic(glassy(0.22))), parent);
     this.outline = shown(new T.LineSegments(outline, new T.LineBasicMaterial({ transparent: true })), parent);
@@ -376,8 +379,9 @@ export function isDrawnBySoftware() {
 
 export class Scene {
   /**
-   * `events` has before() and drawn(), around each picture, probe([x, y, z]), pick(transducer), select(object), and `movable(what)`, which gives the
-   * place [x, y, z] of "hand" or of an object's number, or null if it cannot be moved, and moved(what, place). `overlay` is an element for labels.
+   * `overlay` is an element for labels. `events` has before() and drawn(), called around each picture,
+   * probe([x, y, z]), pick(transducer), select(object), moved(what, [x, y, z]), and movable(what), which gives the
+   * place of "hand" or of an object's number, or null if it cannot be moved.
    */
   constructor(canvas, overlay, events, antialias) {
     this.canvas = canvas;
@@ -516,7 +520,8 @@ export class Scene {
   /** The least distance from which the whole space is seen, with room for the labels of its axes. */
   #distance(centre, away) {
     const right = this.camera.up.clone().cross(away).normalize(), up = away.clone().cross(right);
-    const half = Math.tan((0.5 * this.camera.fov * Math.PI) / 180), high = half * Math.max(0.5, 1 - BUTTONS / this.canvas.clientHeight);
+    const half = Math.tan((0.5 * this.camera.fov * Math.PI) / 180);
+    const high = half * Math.max(0.5, 1 - BUTTONS / this.canvas.clientHeight);
     const wide = half * this.camera.aspect * Math.max(0.5, 1 - LEGEND / this.canvas.clientWidth);
     const { min, max } = this.bounds.clone().expandByScalar(MARGIN);
     const corners = [min.x - MARGIN, max.x].flatMap((x) => [min.y - MARGIN, max.y].flatMap((y) =>
@@ -618,7 +623,7 @@ export class Scene {
       const at = new T.Vector3(0.5 * (box.min.x + box.max.x), box.max.y + 0.014, box.max.z);
       const fault = this.faults[board];
       return { at, text: fault ? `board ${board}: ${fault}` : `board ${board}`, kind: fault ? "bad" : "tick" };
-    }).sort((a, b) => (a.kind > b.kind ? 1 : -1));
+    }).sort((a, b) => a.kind.localeCompare(b.kind));
   }
 
   #axisLabels() {
@@ -681,10 +686,11 @@ export class Scene {
   }
 
   #graspable(caster) {
-    const near = Math.min(Infinity, this.#planeHit(caster.ray)?.along ?? Infinity) + REACH_OF_JOINT;
-    const candidates = [{ what: "hand", hit: this.hands.hit(caster.ray, caster) }, ...this.solids.map((solid, k) =>
-      ({ what: k, hit: nearest(caster.ray, caster.intersectObject(solid.mesh).map(({ point }) => point)) }))
-      .sort((a, b) => (a.hit?.along ?? Infinity) - (b.hit?.along ?? Infinity))];
+    const near = (this.#planeHit(caster.ray)?.along ?? Infinity) + REACH_OF_JOINT;
+    const solids = this.solids.map(({ mesh }, what) =>
+      ({ what, hit: nearest(caster.ray, caster.intersectObject(mesh).map(({ point }) => point)) }));
+    solids.sort((a, b) => (a.hit?.along ?? Infinity) - (b.hit?.along ?? Infinity));
+    const candidates = [{ what: "hand", hit: this.hands.hit(caster.ray, caster) }, ...solids];
     const found = candidates.find(({ what, hit }) => hit && hit.along < near && this.events.movable(what));
     return found && { what: found.what, at: found.hit.at, from: this.events.movable(found.what) };
   }
