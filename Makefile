@@ -8,7 +8,7 @@ FUZZ_SECONDS ?= 60
 SOAK_MINUTES ?= 120
 REFERENCE_FUZZ_SECONDS ?= 20
 
-.PHONY: help demo docs test test-slow test-usb test-usb-all mutants reference lint format vectors fuzz soak bench bench-peers clean
+.PHONY: help demo docs test test-slow test-usb test-usb-all test-page mutants reference lint format vectors fuzz soak bench bench-peers clean
 .DEFAULT_GOAL := help
 
 help:            ## list the targets
@@ -18,16 +18,19 @@ demo: $(VENV)/ready          ## a sphere on a palm, through five emulated boards
 	@$(BIN)/phasewire demo
 
 test: $(VENV)/ready          ## the tests, without the slow ones
-	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "not slow and not guest" $(PYTEST_ARGS)
+	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "not slow and not guest and not page" $(PYTEST_ARGS)
 
 test-slow: $(VENV)/ready     ## the tests that take seconds each
-	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "slow and not guest" $(PYTEST_ARGS)
+	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "slow and not guest and not page" $(PYTEST_ARGS)
 
 test-usb: $(VENV)/ready      ## a Linux kernel in QEMU uses the emulated device; it needs packages of Debian (see .ci/run)
 	@timeout --foreground --kill-after=60 1800 $(BIN)/pytest -q -rs -n 0 -m "guest and not guest_slow and not guest_newest" tests/guest $(PYTEST_ARGS)
 
 test-usb-all: $(VENV)/ready  ## the same on a newer kernel too, and the tests that take longer
 	@timeout --foreground --kill-after=60 7200 $(BIN)/pytest -q -rs -n 0 -m "guest and not (guest_slow and guest_newest)" tests/guest $(PYTEST_ARGS)
+
+test-page: $(VENV)/browser    ## the live page in a real Chromium, which must be installed
+	@$(BIN)/pytest -q -rs -n 0 -m page tests/view $(PYTEST_ARGS)
 
 fuzz: $(VENV)/fuzz           ## give random bytes to every decoder, FUZZ_SECONDS (60) for each group of decoders
 	@$(BIN)/python -m tests.fuzz $(FUZZ_SECONDS)
@@ -92,4 +95,8 @@ $(VENV)/ready: pyproject.toml
 $(VENV)/fuzz: $(VENV)/ready
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary atheris --editable '.[fuzz]' \
 		|| { echo "make fuzz needs atheris, which has wheels for Linux and Python 3.11 to 3.13"; exit 1; }
+	@touch $@
+
+$(VENV)/browser: $(VENV)/ready
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[browser]'
 	@touch $@

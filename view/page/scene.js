@@ -5,7 +5,7 @@ const T = window.THREE;
 
 const SIDES = 20, DISC = 4.9e-3, HOUSING = 5.1e-3, BOARD_DEPTHS = [-1e-3, 5e-3];
 const TICK = 0.05, MARGIN = 0.02, AXIS_HEIGHT = 0.25;
-const BUTTONS = 60, LEGEND = 130, JOINT = 4e-3, REACH_OF_JOINT = 8e-3, DRAG_PIXELS = 4, TURN = Math.PI / 36, ZOOM = 1.2;
+const FINE_FACES = 3000, BUTTONS = 60, LEGEND = 130, JOINT = 4e-3, REACH_OF_JOINT = 8e-3, DRAG_PIXELS = 4, TURN = Math.PI / 36, ZOOM = 1.2;
 const BONES = [[0, 1, 2, 3, 4], [0, 5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [0, 17, 18, 19, 20], [5, 9, 13, 17]]
   .flatMap((chain) => chain.slice(1).map((to, k) => [chain[k], to]));
 const ASIDE = [[0, -5e-3, -3e-3], [-5e-3, 0, -3e-3], [-4e-3, -4e-3, 0]];
@@ -63,7 +63,7 @@ class Spheres {
   constructor(parent) {
     this.parent = parent;
     this.material = basic();
-    this.shape = new T.SphereGeometry(1, 12, 8);
+    this.shape = new T.SphereGeometry(1, 10, 6);
     this.matrix = new T.Matrix4();
     this.room = 0;
   }
@@ -324,9 +324,10 @@ class Solid {
   }
 }
 
-/** Pairs of vertices: the edges between faces that are not parallel, and the edges of one face only. */
+/** Pairs of vertices: the edges between faces that are not parallel, and of one face only; of a fine mesh the sharp ones. */
 function edges(vertices, faces) {
   const found = new Map();
+  const parallel = faces.length > 3 * FINE_FACES ? Math.cos(0.25) : Math.cos(0.02);
   for (let k = 0; k < faces.length; k += 3) {
     const corners = [0, 1, 2].map((c) => faces[k + c]);
     const [a, b, c] = corners.map((corner) => vector(vertices, corner));
@@ -335,7 +336,7 @@ function edges(vertices, faces) {
       const pair = [from, corners[(side + 1) % 3]].sort((p, q) => p - q);
       const key = pair[0] * vertices.length + pair[1];
       const other = found.get(key);
-      if (other && Math.abs(other.normal.dot(normal)) > 0.9998) found.delete(key);
+      if (other && Math.abs(other.normal.dot(normal)) > parallel) found.delete(key);
       else if (!other) found.set(key, { pair, normal });
     });
   }

@@ -1,0 +1,596 @@
+"""The page in a real Chromium, on an emulated device: what its controls do is judged by the bits that the boards play.
+
+The frames that a test reads come from the page's own memory (``window.phasewire``); that they are the captured bits is
+what test_studio.py shows. Pictures are judged by their pixels at places that the page's own camera names.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from phasewire import ControlPoints, TransducerArray, Wiring, pressure, solve
+from phasewire.view import Rig, Snapshot, View
+from phasewire.view.settings import Settings
+
+from .pages import page_of
+from .test_studio import Session, session
+
+sync_api = pytest.importorskip(
+    "playwright.sync_api", reason="the package playwright is not installed: make test-page does it"
+)
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = [
+    pytest.mark.page,
+    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed: apt-get install chromium"),
+]
+
+Browser = Any
+Tab = Any
+PATIENCE = 90.0
+"""Seconds, for a busy computer that draws without a graphics processor."""
+FLAGS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+]
+SIZE = {"width": 1000, "height": 700}
+ARRAY = TransducerArray.grid()
+FRAME = """() => {
+    const { frame, settings, drawn, received } = window.phasewire ?? {};
+    return { frame, settings, drawn, received };
+}"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS, timeout=PATIENCE * 1000)
+        yield opened
+        opened.close()
+
+
+class Window:
+    """A tab with the page, and what went wrong in it."""
+
+    def __init__(self, tab: Tab, url: str) -> None:
+        self.tab, self.wrong = tab, list[str]()
+        tab.set_default_timeout(PATIENCE * 1000)
+        own = urlsplit(url).netloc
+        tab.on("pageerror", lambda error: self.wrong.append(str(error)))
+        tab.on("console", lambda said: said.type in ("error", "warning") and self.wrong.append(said.text))
+        tab.on("request", lambda asked: urlsplit(asked.url).netloc not in (own, "") and self.wrong.append(asked.url))
+        tab.goto(url)
+        self.until(lambda seen: (seen["drawn"] or 0) >= 2 and seen["frame"] is not None)
+
+    def seen(self) -> dict[str, Any]:
+        """What the page has."""
+        found: dict[str, Any] = self.tab.evaluate(FRAME)
+        return found
+
+    def until(self, holds: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+        """What the page has once something holds; the policy forbids playwright's own way, which evaluates text."""
+        end = time.monotonic() + PATIENCE
+        while True:
+            seen = self.seen()
+            if holds(seen):
+                return seen
+            assert time.monotonic() < end, seen
+            time.sleep(0.05)
+
+    def press(self, name: str) -> None:
+        """Press a button."""
+        self.tab.get_by_role("button", name=name, exact=True).click()
+
+    def open(self, panel: str) -> None:
+        """Unfold a panel."""
+        self.tab.evaluate(
+            "(name) => { for (const each of document.querySelectorAll('details')) "
+            "if (each.querySelector('summary').textContent.trim() === name) each.open = true; }",
+            panel,
+        )
+
+    def slide(self, label: str, value: float) -> None:
+        """Move a slider."""
+        self.tab.get_by_label(label, exact=True).evaluate(
+            "(input, value) => { input.value = value; input.dispatchEvent(new Event('input', { bubbles: true })); "
+            "input.dispatchEvent(new Event('change', { bubbles: true })); }",
+            value,
+        )
+
+    def choose(self, label: str, value: str) -> None:
+        """Choose of a list."""
+        self.tab.get_by_label(label, exact=True).select_option(value)
+
+    def check(self, label: str, *, on: bool = True) -> None:
+        """Tick a box."""
+        self.tab.get_by_label(label, exact=True).set_checked(on)
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """A picture of the page, (height, width, 3)."""
+        from matplotlib.image import imread
+
+        data = self.tab.screenshot(timeout=PATIENCE * 1000)
+        return (np.asarray(imread(io.BytesIO(data), "png"))[..., :3] * 255).round().astype(np.uint8)
+
+    def where(self, place: Any) -> tuple[int, int]:
+        """The pixel of a place in space: column and row."""
+        x, y = self.tab.evaluate("(place) => phasewire.project(place)", [float(each) for each in place])
+        return round(x), round(y)
+
+    def draws_on(self) -> None:
+        """Wait until what has come is drawn."""
+        drawn = self.seen()["drawn"]
+        self.tab.evaluate("() => new Promise(requestAnimationFrame)")
+        self.until(lambda seen: seen["drawn"] >= drawn)
+
+
+@pytest.fixture
+def stage(browser: Browser) -> Iterator[tuple[Session, Window]]:
+    with session() as running:
+        tab = browser.new_page(viewport=SIZE)
+        window = Window(tab, running.view.url)
+        yield running, window
+        tab.close()
+        assert window.wrong == []
+
+
+@pytest.fixture
+def still(browser: Browser) -> Iterator[tuple[View, Window]]:
+    """A view whose picture stands still."""
+    with View(Rig(ARRAY, "still", Wiring.strips()), settings=Settings(xy_at=0.17)) as view:
+        tab = browser.new_page(viewport=SIZE, color_scheme="dark")
+        window = Window(tab, view.url)
+        yield view, window
+        tab.close()
+        assert window.wrong == []
+
+
+def playing(seen: dict[str, Any]) -> bool:
+    return bool(seen["frame"]["state"] == "playing")
+
+
+# The picture
+
+
+def near(picture: NDArray[np.uint8], at: tuple[int, int], colour: Any, reach: int = 3) -> bool:
+    """Whether a colour is within some pixels of a place."""
+    x, y = at
+    part = picture[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1].astype(int)
+    return bool((np.abs(part - np.asarray(colour)).max(axis=-1) <= 3).any())
+
+
+def maps(window: Window) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """The colours of a turn of the phase, and of a magnitude, as matplotlib has them."""
+    from matplotlib import colormaps
+
+    places = np.arange(256) / 256
+    cyclic, sequential = (np.asarray(colormaps[name](places, bytes=True))[:, :3] for name in ("twilight", "viridis"))
+    return cyclic, sequential
+
+
+def test_it_draws_what_it_gets_and_asks_nobody_else(stage: tuple[Session, Window]) -> None:
+    _, window = stage
+    first = window.until(playing)
+    later = window.until(lambda seen: seen["drawn"] > first["drawn"] + 20)
+    assert later["received"] > first["received"]
+    assert len(np.unique(window.pixels().reshape(-1, 3), axis=0)) > 200
+
+
+def test_phases_and_amplitudes_are_on_the_right_transducers(still: tuple[View, Window]) -> None:
+    """Each transducer has its own phase, so that a mirrored or turned array cannot look right."""
+    view, window = still
+    window.press("Top")
+    window.check("xy plane", on=False)
+    turns = np.arange(320) / 320
+    drive = np.exp(2j * np.pi * turns)
+    drive[[0, 19, 300]] = 0
+    view.update(drive)
+    window.until(lambda seen: not seen["frame"]["planes"])
+    window.draws_on()
+    picture, (cyclic, _) = window.pixels(), maps(window)
+    right = 0
+    for number, place in enumerate(ARRAY.positions):
+        x, y = window.where(place)
+        assert window_has(picture, x, y)
+        shown = near(picture, (x, y), cyclic[int(turns[number] * 256 + 1e-9)], 1)
+        right += shown
+        assert shown or number in (0, 19, 300), number
+    assert right == 317
+
+
+def window_has(picture: NDArray[np.uint8], x: int, y: int) -> bool:
+    return 0 <= x < picture.shape[1] and 0 <= y < picture.shape[0]
+
+
+def test_from_above_x_is_to_the_right_and_y_up(still: tuple[View, Window]) -> None:
+    _, window = still
+    window.press("Top")
+    window.draws_on()
+    middle, right, back = (window.where(place) for place in ((0, 0, 0), (0.05, 0, 0), (0, 0.05, 0)))
+    assert right[0] > middle[0] + 30
+    assert abs(right[1] - middle[1]) <= 1
+    assert back[1] < middle[1] - 30
+    assert abs(back[0] - middle[0]) <= 1
+
+
+@pytest.mark.parametrize(("camera", "plane"), [("Top", "xy"), ("Front", "xz"), ("Side", "yz")])
+def test_a_focus_is_drawn_where_it_is(still: tuple[View, Window], camera: str, plane: str) -> None:
+    """By pixels: the brightest of the map at the focus, the darkest in the other corners; and it moves as it should."""
+    view, window = still
+    window.press(camera)
+    for name in ("xy", "xz", "yz"):
+        window.check(f"{name} plane", on=name == plane)
+    _, sequential = maps(window)
+    for focus in ((0.05, 0.03, 0.19), (-0.06, 0.03, 0.19), (-0.06, -0.04, 0.14)):
+        view.settle(xy_at=focus[2], xz_at=focus[1], yz_at=focus[0])
+        view.update(solve(ARRAY, ControlPoints([focus])).drive)
+        at = {"xy": 2, "xz": 1, "yz": 0}[plane]
+        window.until(lambda seen, focus=focus, at=at: abs(seen["frame"]["planes"][0]["corner"][at] - focus[at]) < 1e-9)  # type: ignore[misc]
+        drawn = window.seen()["drawn"]
+        view.update(solve(ARRAY, ControlPoints([focus])).drive)
+        window.until(lambda seen, drawn=drawn: seen["drawn"] > drawn + 1)  # type: ignore[misc]
+        picture = window.pixels().astype(int)
+        levels = [level_at(picture, window.where(place), sequential) for place in around(focus, plane)]
+        assert levels[0] > 120, levels
+        assert max(levels[1:]) < levels[0] / 2, levels
+
+
+def around(focus: tuple[float, float, float], plane: str) -> list[tuple[float, float, float]]:
+    """A focus, and the places of which a mirrored picture would make it."""
+    x, y, z = focus
+    if plane == "xy":
+        return [focus, (-x, y, z), (x, -y, z), (-x, -y, z)]
+    return [focus, (-x, y, z)] if plane == "xz" else [focus, (x, -y, z)]
+
+
+def level_at(picture: NDArray[np.int_], at: tuple[int, int], colours: NDArray[np.uint8]) -> int:
+    """The level whose colour is nearest to that of a pixel."""
+    distance = np.abs(colours.astype(int) - picture[at[1], at[0]]).sum(axis=1)
+    return int(distance.argmin())
+
+
+def test_a_board_with_a_fault_is_named(still: tuple[View, Window]) -> None:
+    view, window = still
+    view.show(Snapshot(np.zeros((1, 320)), boards=("", "", "TEMPERATURE", "", "")))
+    window.until(lambda seen: seen["frame"]["boards"][2])
+    window.draws_on()
+    assert "board 2: TEMPERATURE" in window.tab.locator("body").inner_text()
+
+
+# The controls
+
+
+@pytest.mark.parametrize("how", ["button", "Escape", "Space"])
+def test_stop_turns_the_outputs_off(stage: tuple[Session, Window], how: str) -> None:
+    running, window = stage
+    window.until(playing)
+    if how == "button":
+        window.tab.get_by_role("button", name=re.compile("^STOP")).click()
+    else:
+        window.tab.keyboard.press(how)
+    stopped = window.until(lambda seen: seen["frame"]["state"] == "stopped")
+    assert not running.device.status().enabled
+    window.press("Play")
+    window.until(lambda seen: playing(seen) and seen["frame"]["period"] > stopped["frame"]["period"])
+    running.end()
+    capture = running.emulator.capture()
+    assert np.abs(capture.drives(capture.periods - 4000, capture.periods)).any()
+
+
+def test_a_page_that_is_closed_turns_the_outputs_off(browser: Browser) -> None:
+    with session() as running:
+        tab = browser.new_page(viewport=SIZE)
+        Window(tab, running.view.url).until(playing)
+        tab.close()
+        until(lambda: not running.device.status().enabled)
+
+
+def test_a_connection_that_is_lost_is_said_and_the_outputs_are_off(browser: Browser) -> None:
+    with session() as running:
+        tab = browser.new_page(viewport=SIZE)
+        window = Window(tab, running.view.url)
+        window.until(playing)
+        running.view.server.close()
+        until(lambda: not running.device.status().enabled)
+        tab.get_by_text("Connection lost").wait_for()
+        tab.close()
+
+
+def test_a_dragged_hand_is_felt_where_it_was_put(stage: tuple[Session, Window]) -> None:
+    running, window = stage
+    window.check("xy plane", on=False)
+    window.press("Front")
+    window.until(lambda seen: playing(seen) and seen["frame"]["sides"] == ["right"])
+    window.draws_on()
+    landmark = running.view.was(2**60).hands[0].landmarks[9]  # type: ignore[union-attr]
+    x, y = window.where(landmark)
+    to = window.where(landmark + (0.04, 0, -0.03))
+    window.tab.mouse.move(x, y)
+    window.tab.mouse.down()
+    window.tab.mouse.move((x + to[0]) / 2, (y + to[1]) / 2, steps=4)
+    window.tab.mouse.move(*to, steps=4)
+    window.tab.mouse.up()
+    hand = window.until(lambda seen: abs(seen["settings"]["hand"]["x"] - 0.04) < 0.004)["settings"]["hand"]
+    assert hand["z"] == pytest.approx(0.14, abs=0.004)
+    assert hand["y"] == pytest.approx(0, abs=0.002)
+    until(lambda: abs(running.view.was(2**60).points[:, 2].mean() - 0.14) < 0.01)  # type: ignore[union-attr]
+    snapshot = running.view.was(2**60)
+    assert snapshot is not None
+    felt = np.abs(pressure(ARRAY, snapshot.drives[0], snapshot.points[:, :3]))
+    assert felt.max() > 3 * np.abs(pressure(ARRAY, snapshot.drives[0], [(-0.09, 0.09, 0.14)]))[0]
+
+
+def until(holds: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+SLIDERS = [
+    ("Field", "Height z", 150, ("xy_at",), 0.15),
+    ("Field", "Position y", 20, ("xz_at",), 0.02),
+    ("Field", "Position x", -20, ("yz_at",), -0.02),
+    ("Method", "Frequency", 100, ("frequency",), 100),
+    ("Method", "Amplitude", 30, ("amplitude",), 0.3),
+    ("Method", "Point spacing", 8, ("spacing",), 0.008),
+    ("Hand", "Hand x", 30, ("hand", "x"), 0.03),
+    ("Hand", "Hand y", -20, ("hand", "y"), -0.02),
+    ("Hand", "Hand z", 160, ("hand", "z"), 0.16),
+    ("Hand", "Turn", 45, ("hand", "turn"), 45),
+    ("Hand", "Curl", 40, ("hand", "curl"), 0.4),
+    ("Objects", "Object x", 25, ("objects", 0, "x"), 0.025),
+    ("Objects", "Object y", -15, ("objects", 0, "y"), -0.015),
+    ("Objects", "Object z", 180, ("objects", 0, "z"), 0.18),
+    ("Objects", "Size", 60, ("objects", 0, "size"), 0.06),
+    ("Objects", "Rotation", 30, ("objects", 0, "rotation"), 30),
+]
+
+
+def test_every_slider_sets_what_it_says(stage: tuple[Session, Window]) -> None:
+    running, window = stage
+    window.until(playing)
+    for panel, label, value, path, wanted in SLIDERS:
+        window.open(panel)
+        window.slide(label, value)
+
+        def setting(seen: dict[str, Any], path: Any = path) -> float:
+            found = seen["settings"]
+            for step in path:
+                found = found[step]
+            return float(found)
+
+        window.until(lambda seen, wanted=wanted: abs(setting(seen) - wanted) < 1e-6)  # type: ignore[misc]
+    studio = running.studio.settings
+    assert (studio.amplitude, studio.frequency, studio.spacing) == (0.3, 100, 0.008)
+    mesh = running.studio._objects[0].mesh
+    np.testing.assert_allclose(mesh.centre, (0.025, -0.015, 0.18), atol=1e-6)
+    corners = mesh.vertices - mesh.centre
+    assert np.ptp(corners, axis=0)[2] == pytest.approx(0.06)
+
+
+def test_amplitude_is_seen_in_the_bits(stage: tuple[Session, Window]) -> None:
+    running, window = stage
+    window.until(playing)
+    window.slide("Amplitude", 20)
+    window.until(lambda seen: seen["settings"]["amplitude"] == 0.2)
+    begun = window.seen()["frame"]["period"]
+    last = window.until(lambda seen: seen["frame"]["period"] > begun + 20_000)["frame"]["period"]
+    running.end()
+    played = np.abs(running.drives(last - 400, last))
+    assert 0.1 < played.max() < 0.25
+
+
+def test_lists_and_boxes_set_what_they_say(stage: tuple[Session, Window]) -> None:
+    _, window = stage
+    window.until(playing)
+    for label, value, name in (
+        ("Quantity", "intensity", "quantity"),
+        ("Method", "tikhonov", "method"),
+        ("Compare with", "multiplex", "compare"),
+    ):
+        window.choose(label, value)
+        window.until(lambda seen, name=name, value=value: seen["settings"][name] == value)  # type: ignore[misc]
+    window.until(lambda seen: seen["frame"]["side"] is not None and seen["frame"]["scale"]["unit"].startswith("W/m²"))
+    assert "multiplex" in window.tab.get_by_label("Side by side").inner_text()
+    for label, name in (("xz plane", "xz"), ("yz plane", "yz")):
+        window.check(label)
+        window.until(lambda seen, name=name: seen["settings"][name])  # type: ignore[misc]
+    window.check("Points at corners", on=False)
+    window.until(lambda seen: not seen["settings"]["corners"])
+    window.open("Objects")
+    window.choose("Kind", "sphere")
+    window.until(lambda seen: seen["settings"]["objects"][0]["kind"] == "sphere")
+    window.press("Add object")
+    window.until(lambda seen: len(seen["settings"]["objects"]) == 2)
+    window.press("Remove")
+    window.until(lambda seen: len(seen["settings"]["objects"]) == 1)
+
+
+def test_a_click_on_a_transducer_tells_its_place_and_silences_it(stage: tuple[Session, Window]) -> None:
+    running, window = stage
+    window.until(playing)
+    window.check("xy plane", on=False)
+    window.press("Top")
+    window.slide("Amplitude", 100)
+    window.open("Hand")
+    window.slide("Hand x", -120)
+    window.until(lambda seen: seen["settings"]["hand"]["x"] < -0.1)
+    number = 19  # a corner, which no object covers
+    until(lambda: abs(running.view.was(2**60).hands[0].centre[0] + 0.12) < 0.005)  # type: ignore[union-attr]
+    window.draws_on()
+    window.tab.mouse.click(*window.where(ARRAY.positions[number]))
+    seen = window.until(lambda seen: (seen["frame"]["pick"] or {}).get("transducer") == number)
+    channel = int(running.emulator.capture().wiring.channels[number])
+    told = dict(map(tuple, seen["frame"]["pick"]["lines"]))
+    assert [int(told[name]) for name in ("Board", "Processor", "Bit")] == [
+        channel // 64,
+        channel // 32 % 2,
+        channel % 32,
+    ]
+    window.check("Silence this transducer")
+    window.until(lambda seen: seen["settings"]["silenced"] == [number])
+    window.slide("Hand x", 0)
+    window.until(lambda seen: abs(seen["settings"]["hand"]["x"]) < 1e-6)
+    begun = window.seen()["frame"]["period"]
+    last = window.until(lambda seen: seen["frame"]["period"] > begun + 40_000)["frame"]["period"]
+    running.end()
+    played = np.abs(running.drives(last - 400, last)).max(axis=0)
+    assert played[number] == 0
+    assert (played > 0).sum() > 300
+
+
+def test_a_click_on_a_plane_tells_the_pressure_there(still: tuple[View, Window]) -> None:
+    view, window = still
+    focus = (0.03, -0.02, 0.17)
+    drive = solve(ARRAY, ControlPoints([focus])).drive
+    view.update(drive)
+    window.press("Top")
+    window.draws_on()
+    window.tab.mouse.click(*window.where(focus))
+    probe = window.until(lambda seen: seen["frame"]["probe"])["frame"]["probe"]
+    np.testing.assert_allclose(probe["at"], focus, atol=0.002)
+    assert probe["pascals"][0] == pytest.approx(abs(pressure(ARRAY, drive, [probe["at"]])[0]), rel=1e-3)
+    assert re.search(r"\d+ Pa\s+\d+\.\d dB\s+\d+°", window.tab.locator("#probe").inner_text())
+
+
+def test_the_past_is_stepped_through_period_by_period(stage: tuple[Session, Window]) -> None:
+    running, window = stage
+    window.open("Square waves")
+    window.tab.get_by_label("Watched transducers").fill("7")
+    window.tab.keyboard.press("Enter")
+    window.until(lambda seen: playing(seen) and seen["frame"]["waves"])
+    begun = window.seen()["frame"]["period"]
+    window.until(lambda seen: seen["frame"]["period"] > begun + 8000)
+    window.press("−10 ms")
+    at = window.until(lambda seen: seen["settings"]["at"] is not None and not seen["frame"]["live"])["settings"]["at"]
+    for step, button in ((-1, "−1 period"), (1, "+1 period"), (400, "+10 ms")):
+        at += step
+        window.press(button)
+        window.until(
+            lambda seen, at=at: seen["frame"]["period"] == at and seen["frame"]["waves"]["first"] == 50 * (at - 2)
+        )  # type: ignore[misc]
+    window.press("Live")
+    window.until(lambda seen: seen["frame"]["live"])
+
+
+def test_a_fault_is_injected_and_seen(stage: tuple[Session, Window]) -> None:
+    running, window = stage
+    window.until(playing)
+    window.open("Faults")
+    window.choose("Fault", "dead-board")
+    window.tab.get_by_label("board", exact=True).fill("3")
+    window.press("Inject")
+    window.until(lambda seen: seen["frame"]["boards"][3])
+    running.end()
+    last = running.emulator.capture().periods
+    dead = running.emulator.capture().wiring.channels // 64 == 3
+    assert not np.abs(running.drives(last - 40, last))[:, dead].any()
+
+
+# Whoever uses it
+
+
+def test_it_is_used_by_the_keyboard_alone(stage: tuple[Session, Window]) -> None:
+    _, window = stage
+    window.until(playing)
+    window.tab.get_by_label("Amplitude", exact=True).focus()
+    for _ in range(3):
+        window.tab.keyboard.press("ArrowLeft")
+    window.until(lambda seen: seen["settings"]["amplitude"] < 0.98)
+    window.tab.get_by_label("xz plane").focus()
+    window.tab.keyboard.press("Space")
+    window.until(lambda seen: seen["settings"]["xz"] and playing(seen))
+    reached = set()
+    window.tab.locator("body").evaluate("body => { body.tabIndex = -1; body.focus(); }")
+    for _ in range(80):
+        window.tab.keyboard.press("Tab")
+        reached.add(window.tab.evaluate("document.activeElement.id || document.activeElement.textContent.trim()"))
+    assert {"stop", "scene", "quantity", "amplitude", "at", "live", "Top"} <= reached
+
+
+def test_every_control_has_a_name_for_a_screen_reader(stage: tuple[Session, Window]) -> None:
+    _, window = stage
+    nameless = window.tab.evaluate("""() => {
+        for (const each of document.querySelectorAll('details')) each.open = true;
+        return [...document.querySelectorAll('button, input, select, canvas, summary')]
+            .filter((each) => !each.hidden && !(each.labels?.length && each.labels[0].textContent.trim())
+                && !each.ariaLabel && !each.textContent.trim())
+            .map((each) => each.outerHTML);
+    }""")
+    assert nameless == []
+    assert window.tab.get_by_role("status").count() >= 1
+    assert "transducers" in (window.tab.locator("#scene").get_attribute("aria-label") or "")
+
+
+def test_two_tabs_show_the_same(browser: Browser) -> None:
+    with session() as running:
+        tabs = [browser.new_page(viewport=SIZE) for _ in range(2)]
+        windows = [Window(tab, running.view.url) for tab in tabs]
+        windows[0].choose("Quantity", "phase")
+        for window in windows:
+            window.until(lambda seen: playing(seen) and seen["frame"]["scale"]["cyclic"])
+        assert tabs[1].get_by_label("Quantity").input_value() == "phase"
+        for tab in tabs:
+            tab.close()
+
+
+def test_a_wrong_token_shows_nothing_and_says_so(browser: Browser) -> None:
+    with View(ARRAY) as view:
+        tab = browser.new_page(viewport=SIZE)
+        tab.goto(view.url.split("#")[0] + "#wrong")
+        tab.get_by_text("open the URL that the program printed").wait_for()
+        assert view.server.pages == 0
+        tab.close()
+
+
+def test_a_page_of_a_stranger_gets_nothing(browser: Browser) -> None:
+    """Even with the right token: the browser names the stranger as the origin."""
+    with View(ARRAY) as view, View(ARRAY) as stranger:
+        host, token = urlsplit(view.url).netloc, urlsplit(view.url).fragment
+        tab = browser.new_page()
+        tab.goto(stranger.url)
+        said = tab.evaluate(
+            "(url) => new Promise((done) => { const socket = new WebSocket(url); socket.onopen = () => done('open'); "
+            "socket.onerror = () => done('refused'); })",
+            f"ws://{host}/ws?token={token}",
+        )
+        assert said == "refused"
+        assert view.server.pages == 0
+        tab.close()
+
+
+def test_garbage_from_the_server_does_not_end_the_page(still: tuple[View, Window]) -> None:
+    view, window = still
+    for garbage in (b"", b"\xff" * 40, b"\x02\0\0\0{}", b'\x14\0\0\0{"kind": "frame"}   '):
+        view.server.tell(garbage)
+    window.tab.get_by_text("cannot be used").first.wait_for()
+    view.update(np.ones(320))
+    window.until(lambda seen: seen["frame"]["state"] == "playing")
+    window.wrong.clear()
+
+
+def test_a_page_that_hangs_holds_nothing_up(stage: tuple[Session, Window]) -> None:
+    """The page is busy for seconds; another one, and the device, go on."""
+    running, window = stage
+    window.until(playing)
+    with page_of(running.view.url) as other:
+        before = other.until(lambda message: message["state"] == "playing")["period"]
+        window.tab.evaluate(
+            "() => { setTimeout(() => { const end = Date.now() + 3000; while (Date.now() < end); }, 0); }"
+        )
+        other.until(lambda message: message["period"] > before + 60_000)
+    window.until(lambda seen: seen["frame"]["period"] > before + 60_000)
