@@ -66,8 +66,8 @@ def page(view: View) -> Iterator[subprocess.Popen[str]]:
 def planes() -> None:
     """The field plane of a new drive, by itself."""
     drives = np.stack([solve(ARRAY, Sphere().sample()).drive] * 2)
-    for name, chosen in (("horizontal", {}), ("upright", {"xy": False, "xz": True})):
-        painter, settings = Painter(Rig(ARRAY)), Settings(**chosen)
+    for name, settings in (("horizontal", Settings()), ("upright", Settings(xy=False, xz=True))):
+        painter = Painter(Rig(ARRAY))
         for count in (1, 2):
             seconds = median(lambda: painter.paint(Snapshot(drives[:count]), settings))
             print(f"{name} plane, {count} field{'s' * (count > 1)}: {seconds * 1e3:.2f} ms")
@@ -85,7 +85,7 @@ def share() -> None:
         finally:
             painter_seconds[0] += thread_time() - before
 
-    Painter.paint = timed  # type: ignore[method-assign]
+    Painter.paint = timed  # type: ignore[method-assign, assignment]
     solution = solve(ARRAY, Sphere().sample())
     with View(ARRAY) as view, page(view):
         hand, cube = Hand.flat(), Mesh.cube()
@@ -116,9 +116,10 @@ def share() -> None:
             time.sleep(max(0.0, begun + number / OFFERED - perf_counter()))
         used = process_time() - processor
     Painter.paint = paint  # type: ignore[method-assign]
+    fields = painter_seconds[0]
     print(
-        f"{published / passed:.1f} frames/s of {OFFERED} offered: {100 * (used - painter_seconds[0]) / passed:.1f} % of a "
-        f"core, and {100 * painter_seconds[0] / passed:.1f} % for the fields of a plane"
+        f"{published / passed:.1f} frames/s of {OFFERED} offered: {100 * (used - fields) / passed:.1f} % of a core, and "
+        f"{100 * fields / passed:.1f} % for the fields of a plane"
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
+import numba
 import pytest
 from numba import config
 from phasewire import compiling
@@ -143,7 +144,7 @@ def test_threads_that_load_kernels_at_a_time_share_the_users_folder(
     """numba's setting is global: without a lock one thread restores it while another one uses it."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(config, "CACHE_DIR", "")
-    real, places = compiling.njit, list[str]()
+    real, places = numba.njit, list[str]()
 
     def slowly(**options: Any) -> Any:
         time.sleep(0.002)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,7 @@ class Snapshot:
         Of the outputs that are watched.
     """
 
-    drives: NDArray[np.complexfloating]
+    drives: NDArray[Any]
     period: int = 0
     state: str = "playing"
     origin: str = "as intended"

@@ -12,6 +12,7 @@ import queue
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, fields
+from functools import partial
 from threading import Thread
 from types import TracebackType
 from typing import Any, Self
@@ -29,6 +30,7 @@ from ..host import Device
 from ..host.hands.frames import HandFrame
 from ..host.hands.sources import HandSource
 from ..host.touching.loop import TouchLoop, TouchMoment
+from ..protocol.board import PROCESSORS_PER_BOARD
 from ..solver import Toucher, TransducerArray
 from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
@@ -131,10 +133,21 @@ class Studio:
             made = fault_of("fault", fault)
         except InputFileError as error:
             raise ValueError(str(error)) from error
-        emulator = self._emulator
-        self._todo.put(lambda: emulator.inject(made))
+        self._todo.put(partial(self._inject, made))
+
+    def _inject(self, fault: InjectedFault) -> None:
+        assert self._emulator is not None
+        assert self._tap is not None
+        self._emulator.inject(fault)
+        board = getattr(fault, "board", None)
+        if board is None and (processor := getattr(fault, "processor", None)) is not None:
+            board = processor // PROCESSORS_PER_BOARD
+        if board is not None:
+            self._tap.injected[board] = fault.name()
 
     def _clear_faults(self) -> None:
+        assert self._tap is not None
+        self._tap.injected.clear()
         self._device.clear_faults()
 
     def apply(self, settings: Settings) -> None:

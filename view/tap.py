@@ -55,6 +55,8 @@ class Tap:
         self._gap = 1 / (READ_BACK_RATE if emulator is None else RATE)
         self._taken = self._asked = self._counted = -inf
         self._boards: tuple[str, ...] = ("",) * BOARDS
+        self.injected: dict[int, str] = {}
+        """Faults that were injected into boards: the device does not know of which board a fault is."""
         self._status: Status | None = None
         self._halves: dict[int, NDArray[np.complex128]] = {}
         self.figures: tuple[tuple[str, str], ...] = ()
@@ -171,7 +173,10 @@ class Tap:
             for report in reports
         ]
         boards = [said[first : first + PROCESSORS_PER_BOARD] for first in range(0, len(said), PROCESSORS_PER_BOARD)]
-        self._boards = tuple(", ".join(dict.fromkeys(filter(None, board))) for board in boards)
+        self._boards = tuple(
+            ", ".join(dict.fromkeys(filter(None, (*board, self.injected.get(number)))))
+            for number, board in enumerate(boards)
+        )
 
     def _state_line(self) -> tuple[tuple[str, str], ...]:
         if self._status is None:

@@ -16,7 +16,7 @@ from websockets.sync.client import ClientConnection, connect
 
 PATIENCE = 30.0
 """Seconds, for a busy computer."""
-TYPES = {"u1": np.dtype("u1"), "u4": np.dtype("<u4"), "f4": np.dtype("<f4")}
+TYPES: dict[str, np.dtype[Any]] = {"u1": np.dtype("u1"), "u4": np.dtype("<u4"), "f4": np.dtype("<f4")}
 
 
 class Message:
@@ -35,7 +35,7 @@ class Message:
         table = self.said["arrays"][name]
         kind, count = TYPES[table["type"]], int(np.prod(table["shape"]))
         assert table["at"] % 4 == 0
-        return np.frombuffer(self._payload, kind, count, table["at"]).reshape(table["shape"])
+        return np.asarray(np.frombuffer(self._payload, kind, count, table["at"]).reshape(table["shape"]))
 
 
 class Page:
@@ -65,7 +65,7 @@ class Page:
             pass
         return message
 
-    def until(self, found: Callable[[Message], bool]) -> Message:
+    def until(self, found: Callable[[Message], Any]) -> Message:
         """The first frame for which something holds."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:

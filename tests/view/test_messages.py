@@ -31,7 +31,7 @@ def test_a_message_says_where_its_arrays_are(arrays: dict[str, Any], text: str) 
 
 def test_floats_travel_in_single_precision_and_other_whole_numbers_as_u4() -> None:
     message = Message(encode("frame", {}, {"places": np.array([[0.1, -2.0]]), "ids": np.array([7, 8])}))
-    np.testing.assert_array_equal(message.array("places"), np.float32([[0.1, -2.0]]))
+    np.testing.assert_array_equal(message.array("places"), np.array([[0.1, -2.0]], np.float32))
     np.testing.assert_array_equal(message.array("ids"), [7, 8])
 
 

@@ -11,6 +11,7 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -70,8 +71,10 @@ class Window:
         tab.set_default_timeout(PATIENCE * 1000)
         own = urlsplit(url).netloc
         tab.on("pageerror", lambda error: self.wrong.append(str(error)))
-        tab.on("console", lambda said: said.type in ("error", "warning") and self.wrong.append(said.text))
-        tab.on("request", lambda asked: urlsplit(asked.url).netloc not in (own, "") and self.wrong.append(asked.url))
+        tab.on("console", lambda said: self.wrong.extend([said.text] if said.type in ("error", "warning") else []))
+        tab.on(
+            "request", lambda asked: self.wrong.extend([] if urlsplit(asked.url).netloc in (own, "") else [asked.url])
+        )
         tab.goto(url)
         self.until(lambda seen: (seen["drawn"] or 0) >= 2 and seen["frame"] is not None)
 
@@ -130,11 +133,15 @@ class Window:
         x, y = self.tab.evaluate("(place) => phasewire.project(place)", [float(each) for each in place])
         return round(x), round(y)
 
+    def shows(self, period: int) -> None:
+        """Wait until a snapshot of a period is drawn."""
+        self.until(lambda seen: seen["frame"]["period"] == period)
+        self.draws_on()
+
     def draws_on(self) -> None:
-        """Wait until what has come is drawn."""
-        drawn = self.seen()["drawn"]
-        self.tab.evaluate("() => new Promise(requestAnimationFrame)")
-        self.until(lambda seen: seen["drawn"] >= drawn)
+        """Wait until what has come is drawn: it is in the next picture."""
+        for _ in range(2):
+            self.tab.evaluate("() => new Promise(requestAnimationFrame)")
 
 
 @pytest.fixture
@@ -194,25 +201,20 @@ def test_phases_and_amplitudes_are_on_the_right_transducers(still: tuple[View, W
     view, window = still
     window.press("Top")
     window.check("xy plane", on=False)
+    window.until(lambda seen: not seen["frame"]["planes"])
     turns = np.arange(320) / 320
     drive = np.exp(2j * np.pi * turns)
     drive[[0, 19, 300]] = 0
-    view.update(drive)
-    window.until(lambda seen: not seen["frame"]["planes"])
-    window.draws_on()
+    view.show(Snapshot(drive[None], 1))
+    window.shows(1)
     picture, (cyclic, _) = window.pixels(), maps(window)
     right = 0
     for number, place in enumerate(ARRAY.positions):
         x, y = window.where(place)
-        assert window_has(picture, x, y)
         shown = near(picture, (x, y), cyclic[int(turns[number] * 256 + 1e-9)], 1)
         right += shown
         assert shown or number in (0, 19, 300), number
     assert right == 317
-
-
-def window_has(picture: NDArray[np.uint8], x: int, y: int) -> bool:
-    return 0 <= x < picture.shape[1] and 0 <= y < picture.shape[0]
 
 
 def test_from_above_x_is_to_the_right_and_y_up(still: tuple[View, Window]) -> None:
@@ -234,14 +236,10 @@ def test_a_focus_is_drawn_where_it_is(still: tuple[View, Window], camera: str, p
     for name in ("xy", "xz", "yz"):
         window.check(f"{name} plane", on=name == plane)
     _, sequential = maps(window)
-    for focus in ((0.05, 0.03, 0.19), (-0.06, 0.03, 0.19), (-0.06, -0.04, 0.14)):
+    for number, focus in enumerate(((0.05, 0.03, 0.19), (-0.06, 0.03, 0.19), (-0.06, -0.04, 0.14)), 1):
         view.settle(xy_at=focus[2], xz_at=focus[1], yz_at=focus[0])
-        view.update(solve(ARRAY, ControlPoints([focus])).drive)
-        at = {"xy": 2, "xz": 1, "yz": 0}[plane]
-        window.until(lambda seen, focus=focus, at=at: abs(seen["frame"]["planes"][0]["corner"][at] - focus[at]) < 1e-9)  # type: ignore[misc]
-        drawn = window.seen()["drawn"]
-        view.update(solve(ARRAY, ControlPoints([focus])).drive)
-        window.until(lambda seen, drawn=drawn: seen["drawn"] > drawn + 1)  # type: ignore[misc]
+        view.show(Snapshot(solve(ARRAY, ControlPoints([focus])).drive[None], number))
+        window.shows(number)
         picture = window.pixels().astype(int)
         levels = [level_at(picture, window.where(place), sequential) for place in around(focus, plane)]
         assert levels[0] > 120, levels
@@ -317,7 +315,7 @@ def test_a_dragged_hand_is_felt_where_it_was_put(stage: tuple[Session, Window]) 
     window.draws_on()
     landmark = running.view.was(2**60).hands[0].landmarks[9]  # type: ignore[union-attr]
     x, y = window.where(landmark)
-    to = window.where(landmark + (0.04, 0, -0.03))
+    to = window.where(landmark + np.array([0.04, 0, -0.03]))
     window.tab.mouse.move(x, y)
     window.tab.mouse.down()
     window.tab.mouse.move((x + to[0]) / 2, (y + to[1]) / 2, steps=4)
@@ -457,9 +455,9 @@ def test_a_click_on_a_plane_tells_the_pressure_there(still: tuple[View, Window])
     view, window = still
     focus = (0.03, -0.02, 0.17)
     drive = solve(ARRAY, ControlPoints([focus])).drive
-    view.update(drive)
+    view.show(Snapshot(drive[None], 1))
     window.press("Top")
-    window.draws_on()
+    window.shows(1)
     window.tab.mouse.click(*window.where(focus))
     probe = window.until(lambda seen: seen["frame"]["probe"])["frame"]["probe"]
     np.testing.assert_allclose(probe["at"], focus, atol=0.002)
@@ -468,7 +466,7 @@ def test_a_click_on_a_plane_tells_the_pressure_there(still: tuple[View, Window])
 
 
 def test_the_past_is_stepped_through_period_by_period(stage: tuple[Session, Window]) -> None:
-    running, window = stage
+    _, window = stage
     window.open("Square waves")
     window.tab.get_by_label("Watched transducers").fill("7")
     window.tab.keyboard.press("Enter")
@@ -480,9 +478,8 @@ def test_the_past_is_stepped_through_period_by_period(stage: tuple[Session, Wind
     for step, button in ((-1, "−1 period"), (1, "+1 period"), (400, "+10 ms")):
         at += step
         window.press(button)
-        window.until(
-            lambda seen, at=at: seen["frame"]["period"] == at and seen["frame"]["waves"]["first"] == 50 * (at - 2)
-        )  # type: ignore[misc]
+        seen = window.until(partial(is_at, at))
+        assert seen["frame"]["waves"]["first"] == 50 * (at - 2)
     window.press("Live")
     window.until(lambda seen: seen["frame"]["live"])
 
@@ -499,6 +496,10 @@ def test_a_fault_is_injected_and_seen(stage: tuple[Session, Window]) -> None:
     last = running.emulator.capture().periods
     dead = running.emulator.capture().wiring.channels // 64 == 3
     assert not np.abs(running.drives(last - 40, last))[:, dead].any()
+
+
+def is_at(period: int, seen: dict[str, Any]) -> bool:
+    return bool(seen["frame"]["period"] == period and not seen["frame"]["live"])
 
 
 # Whoever uses it

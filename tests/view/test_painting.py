@@ -51,9 +51,8 @@ def test_every_sample_is_the_sum_over_the_transducers(name: str, array: Transduc
 @pytest.mark.parametrize("name", PLANES)
 def test_a_focus_is_where_it_was_asked_for(name: str) -> None:
     fixed = {"xy": 2, "xz": 1, "yz": 0}[name]
-    [image], _ = paint(
-        Snapshot(DRIVE[None]), **{plane: plane == name for plane in PLANES}, **{f"{name}_at": FOCUS[fixed]}
-    )
+    chosen: dict[str, Any] = {plane: plane == name for plane in PLANES} | {f"{name}_at": FOCUS[fixed]}
+    [image], _ = paint(Snapshot(DRIVE[None]), **chosen)
     brightest = places(image)[np.unravel_index(image.levels.argmax(), image.levels.shape)]
     np.testing.assert_allclose(brightest[:2], FOCUS[:2], atol=4e-3)
     assert brightest[2] == pytest.approx(FOCUS[2], abs=0.02)  # along the beam it is long
@@ -86,7 +85,7 @@ def test_one_field_alone_changes_nothing_that_is_felt() -> None:
 
 @pytest.mark.parametrize(("quantity", "reduce"), [("pressure", np.max), ("intensity", np.mean)])
 def test_of_two_fields_the_stronger_pressure_and_the_mean_intensity_are_shown(quantity: str, reduce: Any) -> None:
-    of = {"pressure": np.abs, "intensity": intensity}[quantity]
+    of: Any = {"pressure": np.abs, "intensity": intensity}[quantity]
     [image], scale = paint(BOTH, quantity=quantity, xy_at=0.17)
     at = places(image).reshape(-1, 3)
     wanted = reduce([of(pressure(ARRAY, drive, at)) for drive in BOTH.drives], axis=0).reshape(image.levels.shape)

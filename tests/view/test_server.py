@@ -141,7 +141,7 @@ def test_a_foreign_origin_or_a_wrong_token_opens_no_socket(
 def test_localhost_is_this_computer_too(served: tuple[PageServer, Heard]) -> None:
     host, token = address(served[0].url)
     named = host.replace("127.0.0.1", "localhost")
-    with connect(f"ws://{named}/ws?token={token}", origin=f"http://{named}", proxy=None):  # type: ignore[arg-type]
+    with page_of(f"http://{named}/#{token}"):
         until(lambda: served[0].pages == 1)
 
 
@@ -227,7 +227,7 @@ def test_a_cut_line_counts_as_gone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "PATIENCE_SECONDS", 0.3)
     with serving() as (server, heard), page_of(server.url) as page:
         until(lambda: server.pages == 1)
-        page.socket.protocol.receive_data = lambda data: None  # type: ignore[method-assign, assignment]
+        page.socket.protocol.receive_data = lambda data: None  # type: ignore[method-assign]
         assert heard.gone.wait(PATIENCE)
 
 

@@ -518,18 +518,16 @@ function drawTimes(context, first, ticks, x, height) {
   context.textAlign = "left";
 }
 
-function showSide({ side, planes, scale, arrays }) {
+function showSide({ side, scale, arrays }) {
   byId("side").hidden = !side;
   if (!side) return;
   const map = scale.cyclic ? maps.cyclic : maps.sequential;
-  const plane = planes.find(({ name }) => name === "xy");
-  const pictures = [["this", side.method, plane && arrays[plane.array]], ["other", side.other, arrays[side.array]]];
-  pictures.forEach(([which, method, values]) => {
+  const pictures = [["this", side.method, side.this_array], ["other", side.other, side.array]];
+  pictures.forEach(([which, method, array]) => {
     const canvas = byId(`${which}-plane`);
-    say(byId(`${which}-name`), values ? method : `${method}: turn on the xy plane`);
-    canvas.hidden = !values;
+    say(byId(`${which}-name`), method);
     canvas.ariaLabel = `${scale.label} by ${method}, from above`;
-    if (values) drawPlane(canvas, values, map);
+    drawPlane(canvas, arrays[array], map);
   });
   showTable(byId("side-numbers"), [["", side.method, side.other], ...side.numbers]);
 }
