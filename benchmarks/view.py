@@ -117,10 +117,9 @@ def share() -> None:
         used = process_time() - processor
     Painter.paint = paint  # type: ignore[method-assign]
     fields = painter_seconds[0]
-    print(
-        f"{published / passed:.1f} frames/s of {OFFERED} offered: {100 * (used - fields) / passed:.1f} % of a core, and "
-        f"{100 * fields / passed:.1f} % for the fields of a plane"
-    )
+    own, share_of_fields = (100 * each / passed for each in (used - fields, fields))
+    print(f"{published / passed:.1f} frames/s of {OFFERED} offered: {own:.1f} % of a core, and", end=" ")
+    print(f"{share_of_fields:.1f} % for the fields of a plane")
 
 
 class Answering(NullBus):
@@ -155,8 +154,9 @@ def loop(*, watched: bool) -> dict[str, float]:
         else:
             with View(Rig(ARRAY)) as view, page(view):
                 view.warm_up()
-                watching.append(Tap(device, view))
-                made[0].run(SECONDS)
+                with Tap(device, view) as tap:
+                    watching.append(tap)
+                    made[0].run(SECONDS)
         latency, processor = bus.latency.summary, bus.processor.summary
         return {
             "median": latency.median_seconds * 1e3,
@@ -199,8 +199,8 @@ def soak(hours: float) -> None:
         open_device(emulator.url) as device,
         View(rig_of(device, ARRAY), settings=Settings(watched=(0, 5))) as view,
         page(view),
+        Tap(device, view, emulator) as tap,
     ):
-        tap = Tap(device, view, emulator)
         made: list[TouchLoop] = []
         source = PlacedHands(open_hands("gesture:sweep?rate=120", device.time))
         memory: list[tuple[float, int]] = []

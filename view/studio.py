@@ -181,10 +181,14 @@ class Studio:
         PhasewireError
             If the device or the tracker is lost.
         """
-        self._view, self._tap, self._over = view, Tap(self._device, view, self._emulator), over
+        self._view, self._over = view, over
+        with Tap(self._device, view, self._emulator) as self._tap:
+            self._run(view)
+
+    def _run(self, view: View) -> None:
         if not self._unwatched:
             self._rest_until(lambda: view.server.pages > 0, "waiting")
-        while not (self._source.ended or over()):
+        while not (self._source.ended or self._over()):
             if self._playing:
                 self._play()
             else:

@@ -1,11 +1,15 @@
-"""Takes snapshots from a device, in the thread that plays on it and as seldom as a view needs them."""
+"""Takes snapshots of a device that plays, as seldom as a view needs them."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from math import inf
-from typing import Any
+from threading import Event, Thread
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +25,16 @@ from ..protocol.replies import Status
 from .snapshot import Rig, Snapshot, Waves
 from .view import View
 
-__all__ = ["BITS", "Tap", "rig_of"]
+__all__ = ["BITS", "EXACT", "Tap", "rig_of"]
 
-RATE, READ_BACK_RATE = 40.0, 10.0
+RATE, READ_BACK_RATE = 40.0, 5.0
 """Snapshots per second: of an emulated device, whose bits are in this process, and of another, which must be asked."""
 REPORT_SECONDS = 0.5
 WAVE_PERIODS = 3
 STRONGEST_PERIODS, STRONGEST_STEP = 200, 10
 """Of a field that the device modulates, the strongest of these periods is shown."""
 BITS, READ_BACK = "bits of the emulated boards", "pulses read back from the device"
+EXACT = "bits of the emulated boards in this period alone"
 
 
 def rig_of(device: Device, array: Any) -> Rig:
@@ -38,12 +43,15 @@ def rig_of(device: Device, array: Any) -> Rig:
 
 
 class Tap:
-    """Shows on a view what a device emits.
+    """Shows on a view what a device emits, in a ``with`` statement.
+
+    The thread that plays gives away what only it can: of an emulated device a capture, whose time stands still
+    meanwhile. A thread of the tap makes a snapshot of it, or asks a device that is not emulated.
 
     Parameters
     ----------
     device : Device
-        That plays. Every method is to be called in the thread that plays on it, if it is emulated.
+        That plays.
     view : View
         Shows it.
     emulator : Emulator, optional
@@ -61,6 +69,21 @@ class Tap:
         self._halves: dict[int, NDArray[np.complex128]] = {}
         self.figures: tuple[tuple[str, str], ...] = ()
         """Label and value of what else the page shows about the playing."""
+        self._newest: Callable[[], None] | None = None
+        self._changed, self._closing = Event(), Event()
+        self._thread = Thread(target=self._work, name="phasewire tap", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Show what was taken last, and end."""
+        self._closing.set()
+        self._changed.set()
+        self._thread.join()
 
     @property
     def due(self) -> bool:
@@ -68,7 +91,7 @@ class Tap:
         return self._view.server.pages > 0 and time.monotonic() - self._taken >= self._gap
 
     def take(self, half: int | None = None, origin: int = 0, **seen: Any) -> None:
-        """Show a snapshot of this moment.
+        """Show a snapshot of this moment. It is to be called in the thread that plays.
 
         Parameters
         ----------
@@ -79,22 +102,70 @@ class Tap:
         **seen
             What else `Snapshot` has.
         """
+        self._take(half, origin, lambda: seen)
+
+    def take_moment(self, moment: TouchMoment, loop: TouchLoop) -> None:
+        """Show what hands touch and what a loop plays for it, if it is time."""
+        if self.due:
+            self._take(loop.half_periods, 0, partial(self._touched, moment, loop))
+
+    def _take(self, half: int | None, origin: int, seen: Callable[[], dict[str, Any]]) -> None:
         self._taken = time.monotonic()
-        if self._taken - self._asked >= REPORT_SECONDS:
-            self._asked = self._taken
-            self._report()
-        seen |= {"line": (*self.figures, *self._state_line()), "boards": self._boards}
         if self._emulator is None:
-            self._view.show(self._read_back(half, origin, seen))
-            return
-        capture = self._capture()
+            self._newest = lambda: self._ask(half, origin, seen())
+        else:
+            if self._report_is_due():
+                self._report()  # in this thread: a transfer lets the device's time pass
+            capture = self._capture()
+            self._newest = lambda: self._show(capture, half, origin, seen())
+        self._changed.set()
+
+    def _touched(self, moment: TouchMoment, loop: TouchLoop) -> dict[str, Any]:
+        """What a moment of touch adds to a snapshot."""
+        if (now := time.monotonic()) - self._counted >= REPORT_SECONDS:
+            self._counted = now
+            self.figures = touch_line(loop.report)
+        fading = moment.fading
+        points = np.empty((0, 4))
+        if len(fading):
+            points = np.column_stack([fading.positions, fading.amplitudes * fading.levels])
+        return {
+            "hands": moment.hands,
+            "objects": moment.objects,
+            "points": points,
+            "ids": fading.ids,
+            "arcs": moment.touch.arcs,
+        }
+
+    # In the tap's own thread
+
+    def _work(self) -> None:
+        """Make a snapshot of what was taken last, again and again."""
+        while not self._closing.is_set():
+            self._changed.wait()
+            self._changed.clear()
+            newest, self._newest = self._newest, None
+            if newest is not None:
+                try:
+                    newest()
+                except DeviceError:
+                    continue  # whoever plays on it says so
+
+    def _ask(self, half: int | None, origin: int, seen: dict[str, Any]) -> None:
+        """Show what a device that is not emulated says of itself."""
+        if self._report_is_due():
+            self._report()
+        self._view.show(self._read_back(half, origin, self._with_state(seen)))
+
+    def _show(self, capture: Capture | None, half: int | None, origin: int, seen: dict[str, Any]) -> None:
+        """Show what an emulated device has played."""
+        seen = self._with_state(seen)
         if capture is None:
             self._view.show(
                 Snapshot(self._silence(), **seen | {"origin": "the device is starting", "state": "waiting"})
             )
             return
-        last = capture.periods - 1
-        self._view.show(self._captured(capture, last, half, origin, seen))
+        self._view.show(self._captured(capture, capture.periods - 1, half, origin, seen))
         at = self._view.settings.at
         if (
             at is not None
@@ -102,27 +173,16 @@ class Tap:
             and capture.start_tick <= at * TICKS_PER_PERIOD <= capture.end_tick - TICKS_PER_PERIOD
         ):
             waves = _waves(self._view, capture, at + 1)
-            self._view.show_past(replace(near, drives=capture.drives(at, at + 1), period=at, waves=waves))
+            self._view.show_past(replace(near, drives=capture.drives(at, at + 1), period=at, waves=waves, origin=EXACT))
 
-    def take_moment(self, moment: TouchMoment, loop: TouchLoop) -> None:
-        """Show what hands touch and what a loop plays for it, if it is time."""
-        if not self.due:
-            return
-        if (now := time.monotonic()) - self._counted >= REPORT_SECONDS:
-            self._counted = now
-            self.figures = touch_line(loop.report)
-        fading, touch = moment.fading, moment.touch
-        points = (
-            np.column_stack([fading.positions, fading.amplitudes * fading.levels]) if len(fading) else np.empty((0, 4))
-        )
-        self.take(
-            loop.half_periods,
-            hands=moment.hands,
-            objects=moment.objects,
-            points=points,
-            ids=fading.ids,
-            arcs=touch.arcs,
-        )
+    def _with_state(self, seen: dict[str, Any]) -> dict[str, Any]:
+        return seen | {"line": (*self.figures, *self._state_line()), "boards": self._boards}
+
+    def _report_is_due(self) -> bool:
+        if (now := time.monotonic()) - self._asked < REPORT_SECONDS:
+            return False
+        self._asked = now
+        return True
 
     def _capture(self) -> Capture | None:
         assert self._emulator is not None

@@ -77,12 +77,14 @@ class Watch:
         self._tap = Tap(device, self.view, emulator)
 
     def __enter__(self) -> Self:
+        self._tap.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._stopper.over = True
+        self._tap.__exit__(kind, error, traceback)
         self.view.close()
 
     def wait_for_page(self) -> bool:

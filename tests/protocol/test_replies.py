@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from construct import ConstructError
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.errors import ReplyError
 from phasewire.protocol import Ack, Info, Pulses, Reason, State, Status, Wiring
 from phasewire.protocol.codes import AckFlag, Bank, Fault, Feature, StatusFlag
+from phasewire.protocol.layout import replies as layout
 from phasewire.protocol.replies import (
     ClockReading,
     ProcessorReport,
@@ -100,6 +102,25 @@ def test_information_in_other_units() -> None:
     )
     assert (info.pitch, info.watchdog) == (10.3e-3, 0.1)
     assert [version for version in range(5) if info.speaks(version)] == [1, 2]
+
+
+@given(READ_BACK, st.binary(max_size=3), st.lists(st.integers(0, 495), max_size=3))
+def test_a_reading_of_pulses_is_what_its_layout_reads(reading: ReadBack, more: bytes, changed: list[int]) -> None:
+    """Whole, with bytes that are changed to any, and with bytes too many or too few."""
+    data = bytearray(reading.encode())
+    for place in changed:
+        data[place] ^= 0xFF
+    for bytes_ in (bytes(data), bytes(data) + more, bytes(data)[: len(data) - len(more)]):
+        try:
+            fields = layout.READ_BACK.parse(bytes_)
+        except ConstructError:
+            with pytest.raises(ReplyError, match="a reading of pulses"):
+                ReadBack.decode(bytes_)
+            continue
+        found = ReadBack.decode(bytes_)
+        pairs = [(pair.even_phase, pair.even_width, pair.odd_phase, pair.odd_width) for pair in fields.pulses]
+        assert np.stack([found.pulses.phase, found.pulses.width], 1).ravel().tolist() == np.ravel(pairs).tolist()
+        assert (found.since_period, found.read_period) == (fields.since_period, fields.read_period)
 
 
 FIELDS = ("reason", "sequence", "commit_period", "now", "flags", "free", "state")

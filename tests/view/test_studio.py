@@ -19,7 +19,7 @@ from phasewire.view.hands import MouseHands, at_wall_pace
 from phasewire.view.settings import HandSetting, Settings
 from phasewire.view.shelf import Shelf
 from phasewire.view.studio import Studio
-from phasewire.view.tap import rig_of
+from phasewire.view.tap import EXACT, rig_of
 
 from .pages import PATIENCE, Message, Page, page_of
 
@@ -292,7 +292,7 @@ def test_the_past_is_exact_to_the_period(stage: tuple[Session, Page]) -> None:
     shown = []
     for at in range(frame["period"] - 3, frame["period"] + 3):
         page.set(at=at)
-        shown.append(page.until(lambda message, at=at: message["period"] == at and not message["live"]))  # type: ignore[misc]
+        shown.append(page.until(lambda message, at=at: message["period"] == at and message["origin"] == EXACT))  # type: ignore[misc]
     running.end()
     capture = running.emulator.capture()
     for past in shown:
