@@ -58,6 +58,7 @@ def test_the_python_of_the_first_steps_runs(capsys: pytest.CaptureFixture[str]) 
         ("how-to/host.md", 3),
         ("how-to/conformance.md", 2),
         ("how-to/hands.md", 3),
+        ("how-to/view.md", 1),
         ("explanation/touch.md", 3),
         ("explanation/solver.md", 1),
         ("explanation/hardware.md", 1),
@@ -80,13 +81,15 @@ def test_the_commands_of_the_first_steps_run(tmp_path: Path, monkeypatch: pytest
     monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
     shown = re.findall(r"^\.venv/bin/phasewire (.*?)(?: +#.*)?$", README + FIRST_STEPS, re.MULTILINE)
     commands = list(dict.fromkeys(shown))  # each once, in order
-    assert len(commands) == 18
+    assert len(commands) == 19
     for command in commands:
         arguments = shlex.split(command)
         if "--umockdev" in arguments and shutil.which("umockdev-wrapper") is None:
             continue
         if arguments[0] == "emulate":  # which would serve until Ctrl-C
             arguments += ["--seconds", "0", "--port", "0"]
+        if arguments[0] == "view":  # likewise
+            arguments += ["--seconds", "0.1", "--no-browser", "--unwatched"]
         with pytest.raises(SystemExit) as exited:
             main(arguments)
         assert not exited.value.code, command
@@ -162,7 +165,7 @@ def test_links_lead_somewhere(document: Path) -> None:
 
 def test_files_and_targets_named_in_the_guide_exist() -> None:
     guide = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    files = re.findall(r"`((?:protocol|solver|emulator|host|hil|cli|tests)/[\w/]+\.(?:py|md))`", guide)
+    files = re.findall(r"`((?:protocol|solver|emulator|host|hil|view|cli|tests)/[\w/]+\.(?:py|md))`", guide)
     assert len(files) > 10
     assert [name for name in files if not (ROOT / name).exists()] == []
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")

@@ -184,7 +184,9 @@ class Plane {
     geometry.setAttribute("position", new T.BufferAttribute(new Float32Array(12), 3));
     geometry.setAttribute("uv", new T.BufferAttribute(new Float32Array([0, 0, 1, 0, 0, 1, 1, 1]), 2));
     geometry.setIndex([0, 1, 3, 0, 3, 2]);
-    this.mesh = shown(new T.Mesh(geometry, basic()), parent);
+    // What lies in the plane, such as a palm, is seen: the plane is a little behind it.
+    const behind = { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 8 };
+    this.mesh = shown(new T.Mesh(geometry, basic(behind)), parent);
     const border = new T.BufferGeometry().setAttribute("position", geometry.attributes.position).setIndex([0, 1, 3, 2]);
     this.border = shown(new T.LineLoop(border, new T.LineBasicMaterial({ color: colour })), this.mesh);
   }
@@ -490,7 +492,7 @@ export class Scene {
 
   #showPoints(points) {
     this.points.show(points.length / 4, (k) =>
-      [...points.subarray(4 * k, 4 * k + 3), 1.2e-3 + 2.8e-3 * Math.min(1, points[4 * k + 3])]);
+      [...points.subarray(4 * k, 4 * k + 3), 0.8e-3 + 1.4e-3 * Math.min(1, points[4 * k + 3])]);
   }
 
   #showPlanes({ planes, scale, arrays }) {
