@@ -7,6 +7,7 @@ from . import host as host
 from . import protocol as protocol
 from . import solver as solver
 from . import units as units
+from . import view as view
 from .emulator import Capture as Capture
 from .emulator import Emulator as Emulator
 from .errors import DeviceError as DeviceError
@@ -91,5 +92,6 @@ from .units import mm as mm
 from .units import ms as ms
 from .units import um as um
 from .units import us as us
+from .view import View as View
 
 __version__: str

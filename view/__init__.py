@@ -6,7 +6,13 @@ when the page has taken in the last. `Studio` plays what the page asks for; `Vie
 This room decides nothing that the outputs do: it calls `host` and reads captures.
 """
 
+from __future__ import annotations
+
 from .snapshot import Rig, Snapshot
 from .view import View
 
 __all__ = ["Rig", "Snapshot", "View"]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ACK", "MOST_COMMAND_BYTES", "Command", "encode", "read_command"]
+__all__ = ["ACK", "MOST_COMMAND_BYTES", "PageCommand", "encode", "read_command"]
 
 ACK = "ack"
 MOST_COMMAND_BYTES = 2**16
@@ -24,7 +24,7 @@ TYPES = {"u1": "<u1", "u4": "<u4", "f4": "<f4"}
 VERBS = ("stop", "go", "fault", "clear-faults")
 
 
-class Command(NamedTuple):
+class PageCommand(NamedTuple):
     """What a page asks for: settings, or something to do."""
 
     settings: Mapping[str, Any]
@@ -57,7 +57,7 @@ def encode(kind: str, fields: Mapping[str, Any], arrays: Mapping[str, NDArray[An
     return b"".join((struct.pack("<I", len(text)), text, *parts))
 
 
-def read_command(text: str) -> Command:
+def read_command(text: str) -> PageCommand:
     """What a page asks for.
 
     Raises
@@ -71,9 +71,9 @@ def read_command(text: str) -> Command:
         raise ValueError(f"a command must be JSON: {error}") from error
     if isinstance(said, dict):
         if said.keys() == {"set"} and isinstance(said["set"], dict):
-            return Command(said["set"])
+            return PageCommand(said["set"])
         if said.get("do") in VERBS and said.keys() <= {"do", "fault"}:
             fault = said.get("fault")
             if (said["do"] == "fault") == isinstance(fault, dict):
-                return Command({}, said["do"], fault)
+                return PageCommand({}, said["do"], fault)
     raise ValueError(f'a command must be {{"set": {{...}}}} or {{"do": …}} with {", ".join(VERBS)}')

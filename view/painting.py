@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solver import Grid, Medium, PlanePropagator, intensity, pressure, radiation_pressure, sample_cut
+from ..solver import QUANTITIES, Grid, Medium, PlanePropagator, intensity, pressure, sample_cut
 from ..solver.fields.quantities import sound_pressure_level
 from .settings import Settings
 from .snapshot import Rig, Snapshot
 
-__all__ = ["PLANES", "QUANTITIES", "Painted", "Painter", "Probed"]
+__all__ = ["IMAGE_QUANTITIES", "PLANES", "Painted", "Painter", "Probed"]
 
 PLANES = ("xy", "xz", "yz")
 EXTENT = 0.21
@@ -38,7 +38,7 @@ MANTISSAS = (1, 1.5, 2, 3, 5, 7, 10)
 Complex = NDArray[np.complexfloating]
 
 
-class Quantity(NamedTuple):
+class ImageQuantity(NamedTuple):
     """What an image shows of the fields that alternate: (k, …) complex pressure in Pa to (…) float."""
 
     label: str
@@ -49,24 +49,26 @@ class Quantity(NamedTuple):
     """How many fields it needs."""
 
 
-QUANTITIES = {
-    "pressure": Quantity("Pressure |p|", "Pa (peak)", lambda p, _: np.abs(p).max(axis=0)),
-    "intensity": Quantity("Intensity", "W/m² (mean)", lambda p, air: intensity(p, air).mean(axis=0)),
-    "radiation": Quantity(
-        "Radiation pressure, full reflection", "Pa (mean)", lambda p, air: radiation_pressure(p, air).mean(axis=0)
-    ),
-    "felt": Quantity(
-        "Change of intensity between the two halves, at their frequency",
-        "W/m² (amplitude)",
-        lambda p, air: 2 / np.pi * np.abs(intensity(p[0], air) - intensity(p[-1], air)),
-        fields=2,
-    ),
-    "phase": Quantity("Phase", "°", lambda p, _: np.angle(p[0]) % TURN, cyclic=True),
-}
-"""What an image can show; pressure is that of the stronger half, intensities are means over both.
+def _over_fields(name: str, reduce: Callable[..., NDArray[np.floating]]) -> ImageQuantity:
+    """A quantity of the solver, reduced over the fields that alternate."""
+    quantity = QUANTITIES[name]
+    return ImageQuantity(quantity.name, quantity.unit, lambda p, air: reduce(quantity.of(p, air), axis=0))
 
-A square wave that goes to and fro between two values has the fundamental 2/π of their distance.
-"""
+
+def _change(p: Complex, air: Medium) -> NDArray[np.floating]:
+    """Amplitude of the fundamental of an intensity that jumps between two values: 2/π of their difference."""
+    first, second = (intensity(half, air) for half in p)
+    return np.asarray(2 / np.pi * np.abs(first - second))
+
+
+IMAGE_QUANTITIES = {
+    "pressure": _over_fields("pressure", np.max),
+    "intensity": _over_fields("intensity", np.mean),
+    "radiation": _over_fields("radiation", np.mean),
+    "felt": ImageQuantity("Change of intensity at the modulation frequency", "W/m² (amplitude)", _change, fields=2),
+    "phase": ImageQuantity("Phase", "°", lambda p, _: np.angle(p[0]) % TURN, cyclic=True),
+}
+"""What an image can show. Pressure is that of the stronger half, intensities are means over both halves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +133,7 @@ class Painter:
         ValueError
             If a plane is too close to a transducer.
         """
-        quantity = QUANTITIES[settings.quantity]
+        quantity = IMAGE_QUANTITIES[settings.quantity]
         wanted = [(name, snapshot.drives) for name in PLANES if getattr(settings, name)]
         if other is not None:
             wanted += [("xy", snapshot.drives), ("xy", other)]
@@ -163,7 +165,9 @@ class Painter:
         fields = [np.abs(pressure(self._rig.array, drive, points, self._rig.medium)) for drive in drives]
         return np.asarray(np.max(fields, axis=0))
 
-    def _values(self, name: str, at: float, drives: Complex, quantity: Quantity) -> tuple[Grid, NDArray[np.floating]]:
+    def _values(
+        self, name: str, at: float, drives: Complex, quantity: ImageQuantity
+    ) -> tuple[Grid, NDArray[np.floating]]:
         grid, field = self._field(name, at)
         if quantity.cyclic:
             drives = drives[:1]

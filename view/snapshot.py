@@ -87,7 +87,7 @@ class Snapshot:
         The origin of the drives, for people.
     hands : sequence of Hand
     objects : sequence of Mesh
-        Where they are.
+        Each in its place.
     points : (m, 4) float
         Control points: x, y, z in metres, and their strength from 0 to 1.
     ids : (m,) int

@@ -19,8 +19,8 @@ from ..solver import METHODS, Solution, TransducerArray, TwoSided
 from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
 from .comparing import Comparison
-from .messages import Command, encode, read_command
-from .painting import QUANTITIES, Painter
+from .messages import PageCommand, encode, read_command
+from .painting import IMAGE_QUANTITIES, Painter
 from .past import Past
 from .server import LOOPBACK, PageServer
 from .settings import GROUPS, RANGES, Choices, Settings
@@ -146,7 +146,7 @@ class View:
         self.settings = settings or Settings()
         groups = frozenset(("view", *self._director.controls)) & set(GROUPS)
         self._choices = Choices(
-            groups, len(self.rig.array), tuple(METHODS), tuple(QUANTITIES), tuple(self._director.object_kinds)
+            groups, len(self.rig.array), tuple(METHODS), tuple(IMAGE_QUANTITIES), tuple(self._director.object_kinds)
         )
         self._painter, self._comparison = Painter(self.rig), Comparison(self.rig.array)
         self._past, self._tape = Past(), tape
@@ -287,7 +287,7 @@ class View:
         except ValueError as error:
             self.say(str(error), error=True)
 
-    def _carry_out(self, command: Command) -> None:
+    def _carry_out(self, command: PageCommand) -> None:
         if command.do == "stop":
             self._director.stop()
         elif command.do == "go":
@@ -464,7 +464,7 @@ class View:
             "methods": list(METHODS),
             "quantities": [
                 {"name": name, "label": each.label, "unit": each.unit, "cyclic": each.cyclic}
-                for name, each in QUANTITIES.items()
+                for name, each in IMAGE_QUANTITIES.items()
             ],
             "object_kinds": list(self._director.object_kinds),
             "faults": list(self._director.faults),

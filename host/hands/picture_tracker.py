@@ -11,11 +11,11 @@ from .following import Follower
 from .frames import HandFrame, TrackedHand
 from .pinhole import Landmarks, in_space, unmirrored
 
-__all__ = ["PictureTracker", "SeenHand", "View"]
+__all__ = ["CameraView", "PictureTracker", "SeenHand"]
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """How a camera sees.
 
     Parameters
@@ -60,7 +60,7 @@ class PictureTracker:
     MediaPipe numbers no hands, so each one that is seen gets a new number, and a `Follower` finds which ones stay.
     """
 
-    view: View
+    view: CameraView
     _follower: Follower = field(default_factory=Follower)
     _seen: int = 0
     _frames: int = 0

@@ -30,7 +30,7 @@ from ...solver.contact.hand import Side
 from ...storage import FilePath, open_plain, read_file
 from ..lines.transport import Timekeeper
 from .frames import HandFrame
-from .picture_tracker import PictureTracker, SeenHand, View
+from .picture_tracker import CameraView, PictureTracker, SeenHand
 from .sources import HandSource, LiveHands, PlayedHands, Readiness, TrackerScheme, read_options
 
 __all__ = ["CAMERA", "VIDEO", "CameraHands", "Landmarker", "video_frames"]
@@ -149,7 +149,7 @@ def _rgb(picture: Picture, name: str) -> Picture:
     return np.ascontiguousarray(picture[:, :, ::-1])
 
 
-def video_frames(name: str, capture: Any, finder: _Finder, view: View) -> Iterator[HandFrame]:
+def video_frames(name: str, capture: Any, finder: _Finder, view: CameraView) -> Iterator[HandFrame]:
     """The frames of a video, with the times that are written in it; by its rate if they do not increase.
 
     Raises
@@ -177,7 +177,7 @@ class CameraHands(LiveHands):
     The time of a frame is when OpenCV handed over the picture; how long the camera itself took is unknown.
     """
 
-    def __init__(self, name: str, capture: Any, finder: _Finder, view: View) -> None:
+    def __init__(self, name: str, capture: Any, finder: _Finder, view: CameraView) -> None:
         super().__init__(name, _rate(capture))
         self._capture, self._finder, self._sight = capture, finder, PictureTracker(view)
         self._stopped = Event()
@@ -242,7 +242,7 @@ OPTIONS: dict[str, Callable[[str], Any]] = {
 TAIL = "model=hand_landmarker.task&fov=60&length=0.189&mirrored=no&hands=2"
 
 
-def _taken_apart(rest: str, form: str) -> tuple[str, Path, View]:
+def _taken_apart(rest: str, form: str) -> tuple[str, Path, CameraView]:
     """What is looked at, the model and the view that a URL names."""
     where, options = read_options(rest, OPTIONS, form)
     model = options.pop("model", None) or os.environ.get(MODEL_VARIABLE)
@@ -252,7 +252,7 @@ def _taken_apart(rest: str, form: str) -> tuple[str, Path, View]:
             f"the file of MediaPipe's hand model is missing: name it by ?model=hand_landmarker.task, or in "
             f"${MODEL_VARIABLE}; it can be downloaded at {MODEL_PAGE}"
         )
-    return where, Path(model), View(**options)
+    return where, Path(model), CameraView(**options)
 
 
 def _probed() -> Readiness:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from phasewire import ControlPoints, Modulation, TransducerArray, intensity, pressure, solve
 from phasewire.solver import intensity_component
 from phasewire.solver.fields.quantities import sound_pressure_level
-from phasewire.view.painting import PLANES, QUANTITIES, Painted, Painter
+from phasewire.view.painting import IMAGE_QUANTITIES, PLANES, Painted, Painter
 from phasewire.view.settings import Settings
 from phasewire.view.snapshot import Rig, Snapshot
 
@@ -104,7 +104,7 @@ def test_the_scale_is_a_round_number_above_all_that_was_shown_or_the_users() -> 
 
 
 def test_every_quantity_can_be_painted_in_silence() -> None:
-    for quantity in QUANTITIES:
+    for quantity in IMAGE_QUANTITIES:
         images, scale = paint(Snapshot(np.zeros((2, 320))), quantity=quantity, xz=True, yz=True)
         assert [image.name for image in images] == list(PLANES)
         assert not any(image.levels.any() for image in images)

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from phasewire.host.hands.picture_tracker import PictureTracker, SeenHand, View
+from phasewire.host.hands.picture_tracker import CameraView, PictureTracker, SeenHand
 from phasewire.solver.contact.hand import Hand, Side
 
 from tests.host.hands.pictures import project
 
-VIEW = View(fov=70)
+VIEW = CameraView(fov=70)
 ASPECT = 0.75
 
 
@@ -17,7 +17,7 @@ def hand_at(x: float, side: Side = "right") -> Hand:
     return Hand.flat([x, 0.02, 0.4], side, curl=0.2)
 
 
-def seen(hand: Hand, view: View = VIEW) -> SeenHand:
+def seen(hand: Hand, view: CameraView = VIEW) -> SeenHand:
     if view.mirrored:
         side: Side = "left" if hand.side == "right" else "right"
         return SeenHand(project(hand.landmarks * [-1, 1, 1], ASPECT, view.fov), side)

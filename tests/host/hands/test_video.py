@@ -19,7 +19,7 @@ from phasewire.errors import InputFileError, MissingExtraError, TrackerError, Tr
 from phasewire.extras import install_command
 from phasewire.host.hands import open_hands
 from phasewire.host.hands import video as video_module
-from phasewire.host.hands.picture_tracker import SeenHand, View
+from phasewire.host.hands.picture_tracker import CameraView, SeenHand
 from phasewire.host.hands.video import CAMERA, MODEL_VARIABLE, VIDEO, CameraHands, Landmarker, video_frames
 from phasewire.solver.contact.hand import Hand
 
@@ -77,7 +77,7 @@ class Finder:
 
 def test_a_video_gives_the_hands_of_each_picture_with_its_time() -> None:
     finder = Finder()
-    frames = list(video_frames("wave.mp4", Capture([0, 40, 90]), finder, View()))
+    frames = list(video_frames("wave.mp4", Capture([0, 40, 90]), finder, CameraView()))
     assert [frame.time for frame in frames] == [0, 0.04, 0.09]
     assert finder.asked[0] == ([0, 0, 255], 0)  # red, green, blue
     for frame in frames:
@@ -98,19 +98,19 @@ def test_a_video_gives_the_hands_of_each_picture_with_its_time() -> None:
     ],
 )
 def test_times_that_are_missing_are_made_by_the_rate(times: list[float], rate: float, expected: list[float]) -> None:
-    frames = video_frames("wave.mp4", Capture(times, rate), Finder(), View())
+    frames = video_frames("wave.mp4", Capture(times, rate), Finder(), CameraView())
     assert [frame.time for frame in frames] == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_video_without_a_picture_is_refused() -> None:
     with pytest.raises(InputFileError, match=r"wave\.mp4 has no picture"):
-        list(video_frames("wave.mp4", Capture([]), Finder(), View()))
+        list(video_frames("wave.mp4", Capture([]), Finder(), CameraView()))
 
 
 def test_a_picture_that_is_too_large_is_refused() -> None:
     vast = np.broadcast_to(BLUE[:1, :1], (8192, 4097, 3))
     with pytest.raises(InputFileError, match="pictures of 4097 × 8192 pixels"):
-        list(video_frames("wave.mp4", Capture([0], picture=vast), Finder(), View()))
+        list(video_frames("wave.mp4", Capture([0], picture=vast), Finder(), CameraView()))
 
 
 # Cameras
@@ -119,7 +119,7 @@ def test_a_picture_that_is_too_large_is_refused() -> None:
 def test_a_camera_gives_frames_as_they_come_and_says_when_it_is_gone() -> None:
     capture, finder = Capture([0] * 3), Finder()
     before = time.monotonic()
-    with CameraHands("camera 0", capture, finder, View()) as camera:
+    with CameraHands("camera 0", capture, finder, CameraView()) as camera:
         frames = [next(camera) for _ in range(3)]
         with pytest.raises(TrackerLostError, match="camera 0 gives no more pictures"):
             next(camera)
@@ -138,7 +138,7 @@ def test_a_camera_gives_frames_as_they_come_and_says_when_it_is_gone() -> None:
 )
 def test_what_fails_in_the_thread_reaches_the_reader(fails: Exception, kind: type[Exception]) -> None:
     capture = Capture([0] * 3)
-    camera = CameraHands("camera 0", capture, Finder(fails), View())
+    camera = CameraHands("camera 0", capture, Finder(fails), CameraView())
     with pytest.raises(kind, match="out of order"):
         next(camera)
     camera.close()
@@ -153,7 +153,7 @@ class Endless(Capture):
 
 def test_a_camera_that_is_closed_is_given_back() -> None:
     capture = Endless([0])
-    with CameraHands("camera 0", capture, Finder(), View()) as camera:
+    with CameraHands("camera 0", capture, Finder(), CameraView()) as camera:
         frame = next(camera)
         assert frame.hands
     assert capture.released.wait(10)
