@@ -35,7 +35,7 @@ LEVELS = 255
 TURN = 2 * np.pi
 MANTISSAS = (1, 1.5, 2, 3, 5, 7, 10)
 
-Complex = NDArray[np.complexfloating]
+Complex = NDArray[Any]
 
 
 class ImageQuantity(NamedTuple):

@@ -9,9 +9,12 @@ from __future__ import annotations
 import io
 import re
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -19,7 +22,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from phasewire import ControlPoints, TransducerArray, Wiring, pressure, solve
+from phasewire.errors import PhasewireError
 from phasewire.view import Rig, Snapshot, View
+from phasewire.view.browser import saved_from
 from phasewire.view.settings import Settings
 
 from .pages import page_of
@@ -595,3 +600,41 @@ def test_a_page_that_hangs_holds_nothing_up(stage: tuple[Session, Window]) -> No
         )
         other.until(lambda message: message["period"] > before + 60_000)
     window.until(lambda seen: seen["frame"]["period"] > before + 60_000)
+
+
+# Pictures without a window
+
+
+@pytest.mark.parametrize("kind", ["png", "webm"])
+def test_a_picture_is_saved_without_a_window(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / f"sphere.{kind}"
+    command = [sys.executable, "-m", "phasewire", "view", "sphere", "--hand", "gesture:sweep", "--save", str(path)]
+    ended = subprocess.run(
+        [*command, "--seconds", "1"], capture_output=True, text=True, timeout=2 * PATIENCE, check=False
+    )
+    assert (ended.returncode, ended.stdout) == (0, "The outputs are off.\n"), ended.stderr
+    data = path.read_bytes()
+    if kind == "webm":
+        assert data[:4] == b"\x1aE\xdf\xa3"  # EBML
+        assert b"V_VP" in data[:400]
+        return
+    from matplotlib.image import imread
+
+    picture = (np.asarray(imread(io.BytesIO(data), "png"))[..., :3] * 255).round().astype(np.uint8)
+    assert picture.shape[0] > 400
+    colours = {tuple(colour) for colour in picture.reshape(-1, 3).tolist()}
+    from matplotlib import colormaps
+
+    fields = {tuple(colour[:3]) for colour in colormaps["viridis"](np.arange(256), bytes=True).tolist()}
+    assert len(colours & fields) > 100
+
+
+def test_a_browser_that_sends_nothing_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PHASEWIRE_BROWSER", "true")
+    with (
+        View(ARRAY, saving=True) as view,
+        pytest.raises(PhasewireError, match="has sent no picture"),
+        saved_from(view, tmp_path / "nothing.png", 0),
+    ):
+        pass
+    assert list(tmp_path.iterdir()) == []
