@@ -112,12 +112,11 @@ def _show(run: EndToEnd, palm: float) -> None:
     with loading():
         from ..view import Rig, Snapshot, View
         from ..view.settings import Settings
+        from ..view.snapshot import rows_of
         from ..view.tap import BITS
     rig = Rig(run.solution.array, "phasewire demo", run.capture.wiring)
     with View(rig, settings=Settings(xy_at=palm), embedded=False) as page, suppress(KeyboardInterrupt):
-        points = run.solution.points
-        strengths = points.amplitudes / points.amplitudes.max()
-        page.show(Snapshot(run.rebuilt[None], origin=BITS, points=np.column_stack([points.positions, strengths])))
+        page.show(Snapshot(run.rebuilt[None], source=BITS, points=rows_of(run.solution.points)))
         opened_page(page)
         error_console().print("It ends when the page is closed, or with Ctrl-C")
         page.wait_until_left()

@@ -34,7 +34,7 @@ from ..solver.contact.mesh import Mesh
 from ..solver.contact.solids import SOLIDS
 from ..solver.contact.touch import LEAST_SPACING, MOST_POINTS, Toucher
 from ..solver.methods.modulation import FREQUENCY
-from ..solver.objects.parsing import MovingObject, object_help, parse_object
+from ..solver.objects.parsing import MovingObject, object_help, object_name, parse_object
 from ..solver.shapes.curves import SPACING
 from ..solver.shapes.points import MAX_POINTS
 from ..storage import check_outputs
@@ -50,7 +50,7 @@ from .playing import array_of
 from .points import ArrayOption, load_array
 from .viewing import ViewOption, viewed_device, watching
 
-__all__ = ["commands"]
+__all__ = ["commands", "read_objects", "warn_of_notes"]
 
 commands = typer.Typer(rich_markup_mode=None)
 
@@ -197,17 +197,12 @@ def touch(
     placed, own = None if pose is None else Pose.load(pose), load_array(array)
     toucher = Toucher(spacing, corners, points)
     out, meter, best = console_for(json_target), _Meter(error_console()), _Best()
-    with error_console().status("reading") as status:
-        things = [parse_object(text, status.update) for text in objects]
-    for text, thing in zip(objects, things, strict=True):
-        for repair in thing.mesh.repairs:
-            error_console().print(f"warning: {text}: {repair}", style="yellow")
+    things = [thing for _, thing in read_objects(objects)]
     with ExitStack() as stack:
         url, emulator = stack.enter_context(viewed_device(device, wanted=view))
         opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
         source = stack.enter_context(_opened_hands(hand, opened, placed, view))
-        for note in source.notes:
-            error_console().print(f"warning: {note}", style="yellow")
+        warn_of_notes(source)
         transducers = array_of(opened.info, own)
         seen: list[Callable[[TouchMoment], None]] = [best] if picture or timeline else []
         if recording is not None:
@@ -272,6 +267,22 @@ def touch(
             error_console().print(f"Drawn to {path}")
 
 
+def read_objects(texts: Sequence[str]) -> list[tuple[str, MovingObject]]:
+    """The objects of a command line with their names; what was repaired is a warning."""
+    with error_console().status("reading") as status:
+        found = [(text, parse_object(text, status.update)) for text in texts]
+    for text, thing in found:
+        for repair in thing.mesh.repairs:
+            error_console().print(f"warning: {text}: {repair}", style="yellow")
+    return [(object_name(text), thing) for text, thing in found]
+
+
+def warn_of_notes(source: HandSource) -> None:
+    """Say what is wrong with a source of hands as a whole."""
+    for note in source.notes:
+        error_console().print(f"warning: {note}", style="yellow")
+
+
 def _final(device: Device, failure: BaseException | None) -> Status | None:
     """The device's state at the end; None if it was lost."""
     if isinstance(failure, DeviceError) and not isinstance(failure, DeviceRefusedError):
@@ -289,7 +300,7 @@ def _placed_at(things: Sequence[MovingObject], begin: float) -> Sequence[Mesh] |
 
 
 def _opened_hands(hand: str, device: Device, placed: Pose | None, view: bool) -> HandSource:
-    """The hands, by the clock of the device, or of this computer if somebody looks."""
+    """The hands, by the clock of the device; if a page is open, by the wall clock."""
     if not view:
         return PlacedHands(open_hands(hand, device.time), placed)
     with loading():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,12 +20,13 @@ from ..protocol.plain import plain
 from ..signals import loading
 from ..solver import METHODS
 from ..solver.contact.solids import SOLIDS
-from ..solver.objects.parsing import object_help, parse_object
+from ..solver.objects.parsing import object_help
 from ..storage import check_outputs
-from .console import JsonOption, among, console_for, error_console, write_json
+from .console import JsonOption, among, console_for, error_console, given, write_json
 from .options import MOST_SECONDS, CalibrationOption, DeviceOption, PoseOption, load_calibration
 from .playing import array_of
 from .points import ArrayOption, load_array
+from .touch import read_objects, warn_of_notes
 from .viewing import opened_page, viewed_device
 
 with loading():
@@ -63,6 +64,7 @@ Instead of objects, a recording can be shown, without a device: a .frames file o
 """,
 )
 def view(
+    context: typer.Context,
     objects: Annotated[
         list[str] | None,
         typer.Argument(
@@ -128,62 +130,56 @@ def view(
             "command the device, and the connection is not encrypted",
             style="yellow",
         )
-    named = objects or ["cube"]
+    named, own = objects or ["cube"], load_array(array)
+    serving: dict[str, Any] = {"listen": listen, "port": port, "embedded": False, "saving": save is not None}
     told: dict[str, Any] = {"format": "phasewire-view-1", "shown": named, "device": None, "status": None}
-    if len(named) == 1 and Path(named[0]).suffix.lower() in TAPES:
+    if any(Path(name).suffix.lower() in TAPES for name in named):
+        _check_recording(context, named)
         with (
-            open_tape(Path(named[0])) as tape,
-            View(
-                tape.rig,
-                tape=tape,
-                settings=tape.settings,
-                listen=listen,
-                port=port,
-                embedded=False,
-                saving=save is not None,
-            ) as page,
+            open_tape(Path(named[0]), own) as tape,
+            View(tape.rig, tape=tape, settings=tape.settings, **serving) as page,
         ):
             _show(page, lambda over: tape.run(page, over), time.monotonic, save, seconds, browser)
         write_json(json_target, told)
         return
-    placed, own = None if pose is None else Pose.load(pose), load_array(array)
-    with error_console().status("reading") as status:
-        things = [(text.partition(":")[0], parse_object(text, status.update)) for text in named]
-    shelf = Shelf(things)
+    placed = None if pose is None else Pose.load(pose)
+    shelf = Shelf(read_objects(named))
     with ExitStack() as stack:
         url, emulator = stack.enter_context(viewed_device(device))
         opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
         emulator = emulator or open_emulator(opened.serial)
         transducers = array_of(opened.info, own)
-        settings = Settings(method=method, objects=shelf.settings)
-        source: HandSource
-        if hand == MOUSE:
-            settings = Settings(method=method, objects=shelf.settings, hand=HandSetting())
-            source = MouseHands(settings.hand or HandSetting())
-        else:
-            source = at_wall_pace(PlacedHands(open_hands(hand, time), placed))
-        stack.callback(source.close)
+        moved = HandSetting() if hand == MOUSE else None
+        source = stack.enter_context(closing(_hands(hand, moved, placed)))
+        warn_of_notes(source)
+        settings = Settings(method=method, objects=shelf.settings, hand=moved)
         studio = Studio(
             opened, transducers, shelf, source, settings, emulator=emulator, unwatched=unwatched or save is not None
         )
         with error_console().status("loading what is compiled; the first time this takes a minute"):
             studio.warm_up()
-        page = stack.enter_context(
-            View(
-                rig_of(opened, transducers),
-                settings=settings,
-                director=studio,
-                listen=listen,
-                port=port,
-                embedded=False,
-                saving=save is not None,
-            )
-        )
+        page = stack.enter_context(View(rig_of(opened, transducers), settings=settings, director=studio, **serving))
         page.warm_up()
         _show(page, lambda over: studio.run(page, over), opened.time.monotonic, save, seconds, browser)
         told |= {"device": opened.name, "status": plain(opened.status())}
     console_for(json_target).print("The outputs are off.")
     write_json(json_target, told)
+
+
+def _check_recording(context: typer.Context, named: list[str]) -> None:
+    """Raise `ValueError` if a recording is not alone, or an option has no effect on it."""
+    if len(named) > 1:
+        raise ValueError(f"a recording is shown alone, not beside others: {', '.join(named)}")
+    for option in ("hand", "device", "method", "unwatched", "pose", "calibration"):
+        if given(context, option):
+            raise ValueError(f"--{option} has no effect on a recording; leave it out")
+
+
+def _hands(url: str, moved: HandSetting | None, pose: Pose | None) -> HandSource:
+    """The hand that a page moves, or those of a URL at the pace of the wall clock."""
+    if moved is not None:
+        return MouseHands(moved)
+    return at_wall_pace(PlacedHands(open_hands(url, time), pose))
 
 
 def _show(

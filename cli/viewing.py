@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
+from urllib.parse import parse_qsl, urlencode
 
 import typer
 
@@ -36,15 +37,17 @@ def viewed_device(url: str, *, wanted: bool = True) -> Iterator[tuple[str, Emula
 
     That one forgets what is older than a page shows.
     """
-    if not (wanted and is_fresh(url) and "?" not in url):
+    if not (wanted and is_fresh(url)):
         yield url, None
         return
     with loading():
-        from ..emulator import Emulator
+        from ..emulator.doors.address import OF_THE_DOOR, EmulatorUrl
         from ..protocol.board import CARRIER_HZ
         from ..view.past import PAST_SECONDS
-    with Emulator(history_periods=(PAST_SECONDS + 1) * CARRIER_HZ) as emulator:
-        yield emulator.url, emulator
+    emulator = EmulatorUrl.parse(url).make(history_periods=(PAST_SECONDS + 1) * CARRIER_HZ)
+    door = urlencode([option for option in parse_qsl(url.partition("?")[2]) if option[0] in OF_THE_DOOR])
+    with emulator:
+        yield f"{emulator.url}?{door}" if door else emulator.url, emulator
 
 
 @contextmanager
@@ -56,13 +59,13 @@ def watching(
         yield None
         return
     with loading():
-        from ..view.watching import Watch
-    with Watch(device, array, emulator) as watch:
-        watch.view.warm_up()
-        opened_page(watch.view)
-        if not watch.wait_for_page():
+        from ..view.watching import watch
+    with watch(device, array, emulator) as watching:
+        watching.view.warm_up()
+        opened_page(watching.view)
+        if not watching.wait_for_page():
             error_console().print("No page was opened; it goes on without one", style="yellow")
-        yield watch
+        yield watching
 
 
 def opened_page(view: View, *, browser: bool = True) -> None:

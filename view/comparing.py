@@ -1,16 +1,27 @@
-"""Another method for the points that are played now: what it would emit, and the figures of both."""
+"""A second method for the points that are played now: what it would emit, and the figures of both."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solver import ControlPoints, TransducerArray, TwoSidedSolver
+from ..protocol.quantise import quantise
+from ..solver import ControlPoints, TwoSidedSolver
 from .painting import Complex, Painter
 from .settings import Settings
-from .snapshot import Snapshot
+from .snapshot import Rig, Snapshot
 
-__all__ = ["Comparison"]
+__all__ = ["Comparison", "gains_of"]
+
+FAINTEST = 1e-3
+"""Strength of a point that is about to fade in or out."""
+
+
+def gains_of(settings: Settings, transducers: int) -> NDArray[np.float32]:
+    """By how much the drive of each transducer is turned down, (n,) from 0 to 1."""
+    gains = np.full(transducers, settings.amplitude, np.float32)
+    gains[list(settings.silenced)] = 0
+    return gains
 
 
 class Comparison:
@@ -18,26 +29,27 @@ class Comparison:
 
     Parameters
     ----------
-    array : TransducerArray
-        Of the snapshots.
+    rig : Rig
+        The array and its calibration.
     """
 
-    def __init__(self, array: TransducerArray) -> None:
-        self._array = array
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
         self._method = ""
         self._solver: TwoSidedSolver | None = None
 
     def drives(self, snapshot: Snapshot, settings: Settings) -> Complex | None:
-        """Both fields of the second method, (2, n); None if none is chosen, or no point is played."""
-        if settings.compare is None or not len(snapshot.points):
+        """Both fields of the second method, (2, n), as pulses would emit them; None if there is nothing to compare."""
+        if settings.compare is None or not len(snapshot.points) or not snapshot.points[:, 3].max() > 0:
             return None
         if self._solver is None or self._method != settings.compare:
-            self._method, self._solver = settings.compare, TwoSidedSolver(self._array, settings.compare)
-        strengths = snapshot.points[:, 3]
-        if not strengths.max() > 0:
-            return None
-        points = ControlPoints(snapshot.points[:, :3], np.maximum(strengths, 1e-3))
-        return np.asarray(self._solver.solve(points).drives * np.float32(settings.amplitude))
+            self._method, self._solver = settings.compare, TwoSidedSolver(self._rig.array, settings.compare)
+        solved = self._solver.solve(
+            ControlPoints.trusted(snapshot.points[:, :3].copy(), np.maximum(snapshot.points[:, 3], FAINTEST))
+        )
+        drives = solved.drives * gains_of(settings, len(self._rig.array))
+        pulses = quantise(drives if self._rig.calibration is None else self._rig.calibration.apply(drives))
+        return np.stack([pulses.pulses(half).to_drive() for half in range(len(drives))])
 
     def numbers(self, painter: Painter, snapshot: Snapshot, other: Complex) -> list[tuple[str, str, str]]:
         """Figures of what is emitted and of the second method: label, and both values."""

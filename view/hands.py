@@ -17,7 +17,7 @@ __all__ = ["MouseHands", "at_wall_pace", "hand_at"]
 
 RATE = 100.0
 SMOOTH_SECONDS = 0.04
-"""In which a hand makes up for most of its distance to the place that a page names: a mouse moves in leaps."""
+"""Time constant of the hand's motion to the place that a page names: a mouse moves in steps."""
 
 
 def hand_at(setting: HandSetting) -> Hand:
@@ -76,7 +76,9 @@ def at_wall_pace(source: HandSource) -> HandSource:
     """A source of hands, opened with the module `time` as its clock, that keeps the pace of the wall clock."""
     if source.live:
         return source
-    return _PacedHands(source.name, source, source.rate, close=source.close)
+    paced = _PacedHands(source.name, source, source.rate, close=source.close)
+    paced.notes = source.notes
+    return paced
 
 
 def _numbers(setting: HandSetting) -> tuple[float, float, float, float, float]:

@@ -1,4 +1,4 @@
-"""Fields as images: over planes that can be moved, in several quantities, and at a place.
+"""Images of the field on movable planes, and the pressure at one place.
 
 A horizontal plane over a flat, regular array is a convolution (`PlanePropagator`); any other is a direct sum in single
 precision.
@@ -30,7 +30,7 @@ ABOVE = 0.15
 UPRIGHT = 0.2
 MOST_PLANES = 16
 """That are kept ready; one takes some milliseconds to prepare."""
-RECENT = 60
+RECENT_FRAMES = 60
 LEVELS = 255
 TURN = 2 * np.pi
 MANTISSAS = (1, 1.5, 2, 3, 5, 7, 10)
@@ -110,10 +110,10 @@ class Painter:
     """
 
     def __init__(self, rig: Rig) -> None:
-        self._rig = rig
+        self._array, self._air = rig.emitting, rig.medium
         self._centre = rig.array.positions.mean(axis=0)
         self._fields: OrderedDict[tuple[str, float], tuple[Grid, Callable[[Complex], Complex]]] = OrderedDict()
-        self._recent: deque[float] = deque(maxlen=RECENT)
+        self._recent: deque[float] = deque(maxlen=RECENT_FRAMES)
         self._shown = ""
 
     def paint(
@@ -156,13 +156,13 @@ class Painter:
     def probe(self, snapshot: Snapshot, place: tuple[float, float, float]) -> Probed:
         """The pressure at a place; `ValueError` if it is too close to a transducer."""
         at = np.array([place])
-        values = np.array([pressure(self._rig.array, drive, at, self._rig.medium)[0] for drive in snapshot.drives])
+        values = np.array([pressure(self._array, drive, at, self._air)[0] for drive in snapshot.drives])
         levels = np.maximum(sound_pressure_level(values), -999.0)  # of silence it is -inf, which JSON lacks
         return Probed(place, np.abs(values).tolist(), levels.tolist(), (np.rad2deg(np.angle(values)) % 360).tolist())
 
     def at_points(self, drives: Complex, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """|p| at control points in Pa, (m,), of the stronger of the fields that alternate."""
-        fields = [np.abs(pressure(self._rig.array, drive, points, self._rig.medium)) for drive in drives]
+        fields = [np.abs(pressure(self._array, drive, points, self._air)) for drive in drives]
         return np.asarray(np.max(fields, axis=0))
 
     def _values(
@@ -174,7 +174,7 @@ class Painter:
         fields = np.stack([field(drive) for drive in drives])
         if len(fields) < quantity.fields:
             return grid, np.zeros(grid.shape)
-        return grid, quantity.of(fields, self._rig.medium)
+        return grid, quantity.of(fields, self._air)
 
     def _field(self, name: str, at: float) -> tuple[Grid, Callable[[Complex], Complex]]:
         """A plane, and the function from a drive to its field; prepared once."""
@@ -187,7 +187,7 @@ class Painter:
         return self._fields[key]
 
     def _prepared(self, name: str, at: float) -> tuple[Grid, Callable[[Complex], Complex]]:
-        array, air = self._rig.array, self._rig.medium
+        array, air = self._array, self._air
         if name == "xy":
             try:
                 propagator = PlanePropagator(array, at, EXTENT, PER_PITCH, air)
@@ -201,7 +201,7 @@ class Painter:
         return grid, lambda drive: sample_cut(array, drive, grid, air).pressure
 
     def _automatic(self, quantity: str, images: list[NDArray[np.floating]]) -> float:
-        """The end of the scale: a round number that the last second does not exceed."""
+        """The end of the scale: a round number that no recent frame exceeds."""
         if quantity != self._shown:
             self._shown = quantity
             self._recent.clear()

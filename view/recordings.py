@@ -8,19 +8,24 @@ from base64 import b64decode
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputFileError
 from ..host.hands.recording import SUFFIX as HANDS
 from ..host.hands.recording import HandRecording
 from ..host.playing.recording import SUFFIX as FRAMES
 from ..host.playing.recording import Recording
+from ..host.touching.log import FORMAT
 from ..host.touching.log import LOG_SUFFIX as TOUCH
 from ..protocol.board import CARRIER_HZ
-from ..protocol.pulses import Pulses
+from ..protocol.quantise import PulseFrames, check_pulses
 from ..solver import TransducerArray
 from ..solver.contact.hand import Hand
 from ..storage import open_plain
@@ -33,7 +38,8 @@ __all__ = ["TAPES", "RecordedTape", "open_tape"]
 TAPES = (FRAMES, TOUCH, HANDS)
 """Suffixes of recordings that can be shown."""
 MOST_MOMENTS = 100_000
-"""That are read of a recording of touch: a quarter of an hour at 110 frames a second."""
+"""Of a recording of touch: a quarter of an hour at 110 frames a second."""
+MOST_TIME = 1e9
 MOST_LINE_BYTES = 2**20
 TICK_SECONDS = 1 / 30
 
@@ -54,7 +60,8 @@ class RecordedTape:
     def __init__(self, rig: Rig, times: Any, moment: Callable[[int], dict[str, Any]]) -> None:
         self.rig, self._moment = rig, moment
         self._periods = [round(each * CARRIER_HZ) for each in times]
-        self.settings = Settings(at=0, quantity="pressure")
+        self.settings = Settings(at=0)
+        """The first ones: it begins at its beginning."""
 
     @property
     def span(self) -> tuple[int, int]:
@@ -64,7 +71,7 @@ class RecordedTape:
     def at(self, period: int) -> Snapshot:
         """The moment of a period, or the last one before it."""
         number = max(bisect_right(self._periods, period) - 1, 0)
-        return Snapshot(period=period, state="recording", origin="recorded pulses", **self._moment(number))
+        return Snapshot(period=period, state="recording", source="recorded pulses", **self._moment(number))
 
     def run(self, view: View, over: Callable[[], bool]) -> None:
         """Let a view play it at its own pace, again and again, whenever its settings say that it runs."""
@@ -72,10 +79,14 @@ class RecordedTape:
         while not over():
             time.sleep(TICK_SECONDS)
             now = time.monotonic()
+            passed, last = round((now - last) * CARRIER_HZ), now
             if view.settings.running:
-                at = (view.settings.at or 0) + round((now - last) * CARRIER_HZ)
-                view.settle(at=at if at <= self.span[1] else 0)
-            last = now
+                view.settle(partial(self._later, passed))
+
+    def _later(self, periods: int, settings: Settings) -> Settings:
+        """Settings that show a later moment; after the last one comes the first."""
+        at = (settings.at or 0) + periods
+        return replace(settings, at=at if at <= self._periods[-1] else 0) if settings.running else settings
 
 
 @contextmanager
@@ -104,9 +115,9 @@ def open_tape(path: Path, array: TransducerArray | None = None) -> Iterator[Reco
             yield _of_frames(path, recording)
         return
     rig = Rig(array or TransducerArray.grid(), path.name)
-    hands = path.with_suffix(HANDS)
-    seen = _read_hands(hands) if hands.is_file() else []
+    hands = path if suffix == HANDS else path.with_suffix(HANDS)
     played = _read_touch(path, len(rig.array)) if suffix == TOUCH else []
+    seen = _read_hands(hands) if suffix == HANDS or hands.is_file() else []
     if not seen and not played:
         raise InputFileError(f"{path} holds no hands and no pulses")
     yield _of_touch(rig, seen, played)
@@ -122,14 +133,14 @@ def _of_frames(path: Path, recording: Recording) -> RecordedTape:
 
 
 def _of_touch(
-    rig: Rig, seen: list[tuple[float, tuple[Hand, ...]]], played: list[tuple[float, dict[str, Any]]]
+    rig: Rig, seen: list[tuple[float, tuple[Hand, ...]]], played: list[tuple[float, _Played]]
 ) -> RecordedTape:
     times = sorted({each for each, _ in seen} | {each for each, _ in played})
     silent = {"drives": np.zeros((1, len(rig.array)))}
 
     def moment(number: int) -> dict[str, Any]:
-        hands, pulses = _last(seen, times[number]), _last(played, times[number])
-        return (silent if pulses is None else pulses) | {"hands": hands or ()}
+        hands, moment = _last(seen, times[number]), _last(played, times[number])
+        return (silent if moment is None else moment.seen()) | {"hands": hands or ()}
 
     return RecordedTape(rig, times, moment)
 
@@ -140,47 +151,66 @@ def _last(items: list[tuple[float, Any]], moment: float) -> Any:
     return items[number - 1][1] if number else None
 
 
+class _Played(NamedTuple):
+    """What was played from one moment of a recording of touch on."""
+
+    pulses: PulseFrames
+    points: NDArray[np.float64]
+    ids: NDArray[np.int64]
+
+    def seen(self) -> dict[str, Any]:
+        """As fields of a `Snapshot`."""
+        drives = np.stack([self.pulses.pulses(half).to_drive() for half in range(2)])
+        return {"drives": drives, "points": self.points, "ids": self.ids}
+
+
 def _read_hands(path: Path) -> list[tuple[float, tuple[Hand, ...]]]:
-    found = []
+    found: list[tuple[float, tuple[Hand, ...]]] = []
     with HandRecording.open(path) as recording:
         for frame in recording:
+            _check_length(path, len(found))
             found.append((frame.time, tuple(tracked.hand for tracked in frame.hands)))
-            if len(found) == MOST_MOMENTS:
-                break
     origin = found[0][0] if found else 0.0
     return [(moment - origin, hands) for moment, hands in found]
 
 
-def _read_touch(path: Path, transducers: int) -> list[tuple[float, dict[str, Any]]]:
+def _read_touch(path: Path, transducers: int) -> list[tuple[float, _Played]]:
     """What was played, line by line, up to the last whole one."""
-    found: list[tuple[float, dict[str, Any]]] = []
+    found: list[tuple[float, _Played]] = []
     with open_plain(path) as file:
-        for number in range(1, MOST_MOMENTS + 2):
+        for number in count(1):
             line = file.readline(MOST_LINE_BYTES)
             if not line.endswith(b"\n"):
-                break
+                return found
             try:
                 record = json.loads(line)
                 if number == 1:
-                    if record.get("format") != "phasewire-touch-log-1":
-                        raise ValueError("it does not say that it is a phasewire-touch-log-1")
+                    if record.get("format") != FORMAT:
+                        raise ValueError(f"it does not say that it is a {FORMAT}")
                     continue
-                moment = _played(record, transducers)
-                if found and moment[0] < found[-1][0]:
-                    raise ValueError(f"its time, {moment[0]} s, is before that of the line before it")
+                moment, played = _played(record, transducers)
+                if not (found[-1][0] if found else 0) <= moment <= MOST_TIME:
+                    raise ValueError(f"its time is {moment:g} s; times must not decrease")
             except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
                 raise InputFileError(f"{path}, line {number}: {error}") from error
-            found.append(moment)
+            _check_length(path, len(found))
+            found.append((moment, played))
     return found
 
 
-def _played(record: dict[str, Any], transducers: int) -> tuple[float, dict[str, Any]]:
+def _check_length(path: Path, moments: int) -> None:
+    if moments >= MOST_MOMENTS:
+        raise InputFileError(f"{path} holds more than {MOST_MOMENTS} moments, which is too long for a page")
+
+
+def _played(record: dict[str, Any], transducers: int) -> tuple[float, _Played]:
     phase, width = (
         np.frombuffer(b64decode(record[name]), np.uint8).reshape(2, transducers) for name in ("phase", "width")
     )
-    drives = np.stack([Pulses(*rows).to_drive() for rows in zip(phase, width, strict=True)]).astype(np.complex64)
+    pulses = PulseFrames(phase, width)
+    check_pulses(pulses)
     positions, amplitudes = np.array(record["positions"], float).reshape(-1, 3), np.array(record["amplitudes"], float)
     points = np.column_stack([positions, amplitudes])
     if not np.isfinite(points).all():
         raise ValueError("its points must be finite")
-    return float(record["time"]), {"drives": drives, "points": points, "ids": np.array(record["ids"], np.int64)}
+    return float(record["time"]), _Played(pulses, points, np.array(record["ids"], np.int64))

@@ -1,9 +1,9 @@
-"""The server of the page: a thread of its own, which holds up nobody.
+"""The server of the page, in a thread of its own. No caller waits for a page.
 
-Each page gets every kept message, in order, and of frames the newest one only, when it has taken in the last
-(`messages.ACK`). A page that does not answer for `PATIENCE_SECONDS` is taken for lost. Whoever asks must know the
-token, and name this server as the host and, in a browser, as the origin: a page of a stranger, or a name that a
-stranger has pointed to this computer, gets nothing.
+A page gets every other message in order, but only the newest frame, and only when it has taken in the last one
+(`messages.ACK`). A page that does not answer for `PATIENCE_SECONDS` counts as lost. A request must name this server as
+its host, and a socket must have the token and this server's page as its origin. So a page of a stranger gets nothing,
+nor does a request by a name that a stranger has pointed to this computer.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import http
 import ipaddress
 import secrets
 import socket
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
@@ -36,6 +37,7 @@ EVERYWHERE = ("0.0.0.0", "::")
 PATIENCE_SECONDS = 5.0
 PING_SECONDS = 1.0
 MOST_SAVED_BYTES = 2**28
+MOST_PENDING = 100
 SOCKET = "/ws"
 THREE = ("jupyter_threejs_sage", "static/r130/three.min.js")
 """three.js as SageMath packages it: a script of one file, with the controls of a camera."""
@@ -53,8 +55,8 @@ class _Client:
 
     def __init__(self, kept: Mapping[str, bytes]) -> None:
         self.wake = asyncio.Event()
-        self.pending = dict(kept)
-        """Kept messages that it has not got."""
+        self.pending: deque[tuple[str, bytes]] = deque(kept.items())
+        """What is to be sent before the next frame: the name under which it is kept, or none, and the message."""
         self.frame: bytes | None = None
         self.patient_until: float | None = None
         """Until when it may take in the last frame; None if it has."""
@@ -109,7 +111,7 @@ class PageServer:
         self._loop = asyncio.new_event_loop()
         self._stopped = asyncio.Event()
         self._started = Event()
-        self._failure: OSError | None = None
+        self._failure: Exception | None = None
         self._thread = Thread(target=self._run, name="phasewire view server", daemon=True)
         self.wanted = Event()
         self.seen = Event()
@@ -123,11 +125,9 @@ class PageServer:
         self._thread.start()
         self._started.wait()
         if self._failure is not None:
-            raise OSError(
-                self._failure.errno,
-                f"nothing can listen there: {self._failure.strerror}",
-                f"{self._listen}:{self._port}",
-            ) from self._failure
+            number, why = getattr(self._failure, "errno", 0), getattr(self._failure, "strerror", None)
+            said = f"the page cannot be served there: {why or self._failure}"
+            raise OSError(number, said, f"{self._listen}:{self._port}") from self._failure
 
     def close(self) -> None:
         """End the server, and with it the connections of all pages."""
@@ -169,6 +169,7 @@ class PageServer:
         try:
             self._loop.run_until_complete(self._serve())
         finally:
+            self._started.set()
             self._loop.close()
 
     async def _serve(self) -> None:
@@ -185,9 +186,8 @@ class PageServer:
                 close_timeout=1.0,
                 server_header=None,
             )
-        except OSError as error:
+        except (OSError, ValueError, OverflowError) as error:  # the latter two for what is no address
             self._failure = error
-            self._started.set()
             return
         self._port = next(iter(server.sockets)).getsockname()[1]
         self._started.set()
@@ -197,13 +197,15 @@ class PageServer:
     def _keep(self, name: str, message: bytes) -> None:
         self._kept[name] = message
         for client in self._clients:
-            client.pending[name] = message
+            client.pending = deque(each for each in client.pending if each[0] != name)
+            client.pending.append((name, message))
             client.wake.set()
 
     def _tell(self, message: bytes) -> None:
         for client in self._clients:
-            client.pending[f"told {len(client.pending)}"] = message
-            client.wake.set()
+            if len(client.pending) < MOST_PENDING:  # one that reads nothing gets no more
+                client.pending.append(("", message))
+                client.wake.set()
 
     def _publish(self, frame: bytes) -> None:
         for client in self._clients:
@@ -259,7 +261,7 @@ class PageServer:
                     return
                 client.wake.clear()
                 while client.pending:
-                    await connection.send(client.pending.pop(next(iter(client.pending))))
+                    await connection.send(client.pending.popleft()[1])
                 if client.patient_until is None and client.frame is not None:
                     frame, client.frame = client.frame, None
                     client.patient_until = self._loop.time() + PATIENCE_SECONDS

@@ -1,15 +1,14 @@
-"""What a page may set, and the checks of each value that comes from it.
+"""What a page may set, and the check of each value that comes from it.
 
-A session has *groups* of settings: every one has those of the view; what is played, the hand and the objects can be set
-only if the session plays them (`Studio`).
+Settings are in *groups*. Those of the group ``view`` can always be set. What is played, the hand and the objects can be
+set only if the session plays them (`Studio`).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, cast
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 __all__ = ["GROUPS", "RANGES", "Choices", "HandSetting", "ObjectSetting", "Settings"]
 
@@ -37,7 +36,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "objects.size": (0.01, 0.5),
     "objects.rotation": (-180, 180),
 }
-"""Of every number: least and most, in metres, hertz and degrees; of the rest relative."""
+"""Least and most of every number: lengths in metres, frequencies in hertz, angles in degrees, ``at`` in carrier
+periods, ``scale`` in the unit of the quantity, the others without a unit."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,8 @@ class ObjectSetting:
     z: float = 0.17
     size: float = 0.1
     rotation: float = 0.0
+    number: int | None = None
+    """Which object of the command it is: it keeps that one's motion. None for one that a page has added."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,9 @@ class Choices:
     groups : frozenset of str
         Those of `GROUPS` that can be set.
     transducers : int
+        Their number.
     methods, quantities, object_kinds : tuple of str
+        Possible values.
     """
 
     groups: frozenset[str]
@@ -88,7 +92,7 @@ class Settings:
 
     quantity: str = "pressure"
     scale: float | None = None
-    """Value of the last colour; automatic if None."""
+    """Value of the last colour; None for a scale that follows the field."""
     xy: bool = True
     xz: bool = False
     yz: bool = False
@@ -99,9 +103,9 @@ class Settings:
     pick: int | None = None
     watched: tuple[int, ...] = ()
     at: int | None = None
-    """A carrier period of the past, which is shown; None for what happens now."""
+    """The carrier period that is shown; None for now."""
     running: bool = True
-    """Whether a recording goes on."""
+    """Whether a recording plays."""
     method: str = "wgs"
     compare: str | None = None
     frequency: float = 200.0
@@ -110,7 +114,7 @@ class Settings:
     corners: bool = True
     silenced: tuple[int, ...] = ()
     hand: HandSetting | None = None
-    objects: tuple[ObjectSetting, ...] = field(default=())
+    objects: tuple[ObjectSetting, ...] = ()
 
     def changed(self, values: Mapping[str, Any], choices: Choices) -> Settings:
         """These settings with others from a page.
@@ -118,52 +122,28 @@ class Settings:
         Raises
         ------
         ValueError
-            If there is no such setting in the session, or a value is none of its possible ones; the message names it.
+            If the session has no such setting, or a value is not possible; the message names it.
         """
         checked: dict[str, Any] = {}
         for name, value in values.items():
-            group = _GROUP.get(name)
+            group = next((group for group, rules in GROUPS.items() if name in rules), None)
             if group is None:
-                raise ValueError(f"there is no setting {name!r}; there are {', '.join(_GROUP)}")
+                raise ValueError(f"there is no setting {name!r}; there are {', '.join(vars(self))}")
             if group not in choices.groups:
                 raise ValueError(f"{name} cannot be set here: this page only watches")
-            checked[name] = _RULES[name](name, value, choices)
+            checked[name] = GROUPS[group][name](name, value, choices)
         return replace(self, **checked)
 
-
-GROUPS: Mapping[str, tuple[str, ...]] = {
-    "view": (
-        "quantity",
-        "scale",
-        "xy",
-        "xz",
-        "yz",
-        "xy_at",
-        "xz_at",
-        "yz_at",
-        "probe",
-        "pick",
-        "watched",
-        "at",
-        "running",
-    ),
-    "play": ("method", "compare", "frequency", "amplitude", "spacing", "corners", "silenced"),
-    "hand": ("hand",),
-    "objects": ("objects",),
-}
-"""The settings of each group."""
-
-_GROUP = {name: group for group, names in GROUPS.items() for name in names}
 
 Rule = Callable[[str, Any, Choices], Any]
 
 
 def _number(name: str, value: Any, _choices: Choices) -> float:
     least, most = RANGES[name]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{name} {value!r} must be a number")
-    if not least <= value <= most:
-        raise ValueError(f"{name} {value:g} must be from {least:g} to {most:g}")
+    if not least <= value <= most:  # nor is NaN
+        raise ValueError(f"{name} {str(value)[:20]} must be from {least:g} to {most:g}")
     return float(value)
 
 
@@ -194,10 +174,16 @@ def _optional(rule: Rule) -> Rule:
     return check
 
 
-def _transducer(name: str, value: Any, choices: Choices) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < choices.transducers:
-        raise ValueError(f"{name} {value!r} must be a transducer, 0 to {choices.transducers - 1}")
-    return value
+def _below(most: Callable[[Choices], int], what: str) -> Rule:
+    def check(name: str, value: Any, choices: Choices) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < most(choices):
+            raise ValueError(f"{name} {str(value)[:20]} must be {what}, 0 to {most(choices) - 1}")
+        return value
+
+    return check
+
+
+_transducer = _below(lambda choices: choices.transducers, "a transducer")
 
 
 def _transducers(most: int | None) -> Rule:
@@ -213,24 +199,26 @@ def _transducers(most: int | None) -> Rule:
 def _place(name: str, value: Any, _choices: Choices) -> tuple[float, float, float]:
     numbers = isinstance(value, list) and len(value) == 3 and all(type(each) in (int, float) for each in value)
     if not numbers or not all(abs(each) <= 2 * REACH for each in value):
-        raise ValueError(f"{name} {value!r} must be three coordinates in metres, at most {2 * REACH:g} each")
+        raise ValueError(f"{name} {str(value)[:80]} must be three coordinates in metres, at most {2 * REACH:g} each")
     return float(value[0]), float(value[1]), float(value[2])
 
 
-def _record(name: str, value: Any, choices: Choices, kind: type, rules: Mapping[str, Rule]) -> Any:
-    names = [each.name for each in fields(kind)]
-    if not isinstance(value, dict) or not set(value) <= set(names):
-        raise ValueError(f"{name} {value!r} must have some of {', '.join(names)}, and nothing else")
+def _fields(
+    name: str, value: Any, choices: Choices, known: tuple[str, ...], rules: Mapping[str, Rule]
+) -> dict[str, Any]:
+    """The checked fields of a record; those without a rule of their own are numbers."""
+    if not isinstance(value, dict) or not set(value) <= set(known):
+        raise ValueError(f"{name} {str(value)[:80]} must have some of {', '.join(known)}, and nothing else")
     checked: dict[str, Any] = {}
     for key, given in value.items():
         rule: Rule = rules.get(key, _number)
         checked[key] = rule(f"{name}.{key}", given, choices)
-    return cast("Any", kind)(**checked)
+    return checked
 
 
 def _hand(name: str, value: Any, choices: Choices) -> HandSetting:
-    made: HandSetting = _record(name, value, choices, HandSetting, {})
-    return made
+    known = tuple(field.name for field in fields(HandSetting))
+    return HandSetting(**_fields(name, value, choices, known, {}))
 
 
 def _objects(name: str, value: Any, choices: Choices) -> tuple[ObjectSetting, ...]:
@@ -238,31 +226,40 @@ def _objects(name: str, value: Any, choices: Choices) -> tuple[ObjectSetting, ..
         raise ValueError(f"{name} must be a list of at most {MOST_OBJECTS} objects")
     if any(not isinstance(each, dict) or "kind" not in each for each in value):
         raise ValueError(f"each of {name} must have a kind")
-    kind = _among(lambda known: known.object_kinds)
-    return tuple(_record(name, each, choices, ObjectSetting, {"kind": kind}) for each in value)
+    known = tuple(field.name for field in fields(ObjectSetting))
+    rules = {
+        "kind": _among(lambda choices: choices.object_kinds),
+        "number": _optional(_below(lambda _: MOST_OBJECTS, "the number of an object")),
+    }
+    return tuple(ObjectSetting(**_fields(name, each, choices, known, rules)) for each in value)
 
 
-_RULES: Mapping[str, Rule] = {
-    "quantity": _among(lambda choices: choices.quantities),
-    "scale": _optional(_number),
-    "xy": _flag,
-    "xz": _flag,
-    "yz": _flag,
-    "xy_at": _number,
-    "xz_at": _number,
-    "yz_at": _number,
-    "probe": _optional(_place),
-    "pick": _optional(_transducer),
-    "watched": _transducers(MOST_WATCHED),
-    "at": _optional(_period),
-    "running": _flag,
-    "method": _among(lambda choices: choices.methods),
-    "compare": _optional(_among(lambda choices: choices.methods)),
-    "frequency": _number,
-    "amplitude": _number,
-    "spacing": _number,
-    "corners": _flag,
-    "silenced": _transducers(None),
-    "hand": _hand,
-    "objects": _objects,
+GROUPS: Mapping[str, Mapping[str, Rule]] = {
+    "view": {
+        "quantity": _among(lambda choices: choices.quantities),
+        "scale": _optional(_number),
+        "xy": _flag,
+        "xz": _flag,
+        "yz": _flag,
+        "xy_at": _number,
+        "xz_at": _number,
+        "yz_at": _number,
+        "probe": _optional(_place),
+        "pick": _optional(_transducer),
+        "watched": _transducers(MOST_WATCHED),
+        "at": _optional(_period),
+        "running": _flag,
+    },
+    "play": {
+        "method": _among(lambda choices: choices.methods),
+        "compare": _optional(_among(lambda choices: choices.methods)),
+        "frequency": _number,
+        "amplitude": _number,
+        "spacing": _number,
+        "corners": _flag,
+        "silenced": _transducers(None),
+    },
+    "hand": {"hand": _hand},
+    "objects": {"objects": _objects},
 }
+"""The settings of each group, with their rules."""

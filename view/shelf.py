@@ -11,7 +11,7 @@ import numpy as np
 from ..solver.contact.mesh import SIZE, Mesh
 from ..solver.contact.solids import SOLIDS
 from ..solver.objects.parsing import MovingObject
-from .settings import ObjectSetting
+from .settings import MOST_OBJECTS, ObjectSetting
 
 __all__ = ["Shelf"]
 
@@ -27,27 +27,36 @@ class Shelf:
     Parameters
     ----------
     named : sequence of (str, MovingObject)
-        The command's objects with their names; those that are a shape of the paper keep being this.
+        The command's objects with their names: a shape of the paper, or a file.
+
+    Raises
+    ------
+    ValueError
+        If there are more than a page can show.
     """
 
     def __init__(self, named: Sequence[tuple[str, MovingObject]]) -> None:
+        if len(named) > MOST_OBJECTS:
+            raise ValueError(f"{len(named)} objects are too many for a page; it shows at most {MOST_OBJECTS}")
+        self._named = tuple(named)
         self._files = {name: thing.mesh for name, thing in named if name not in SOLIDS}
-        self._motions = [(name, thing.velocity, thing.spin) for name, thing in named]
         self.kinds = (*SOLIDS, *self._files)
-        self.settings = tuple(self._setting(name, thing.mesh) for name, thing in named)
+        self.settings = tuple(self._setting(number, *each) for number, each in enumerate(named))
         """The command's objects as settings."""
         self._sized = lru_cache(MOST_SIZES)(self._of_size)
 
     def put(self, settings: Sequence[ObjectSetting]) -> tuple[MovingObject, ...]:
         """The objects of a page, ready to be cut. An object of the command goes on moving as it did."""
-        placed = []
-        for number, setting in enumerate(settings):
-            mesh = self._sized(setting.kind, round(setting.size, 4))
-            at = np.array([setting.x, setting.y, setting.z])
-            mesh = mesh.moved(at - mesh.centre).rotated(setting.rotation)
-            name, velocity, spin = self._motions[number] if number < len(self._motions) else ("", (0, 0, 0), 0.0)
-            placed.append(MovingObject(mesh, velocity, spin) if name == setting.kind else MovingObject(mesh))
-        return tuple(placed)
+        return tuple(self._put(setting) for setting in settings)
+
+    def _put(self, setting: ObjectSetting) -> MovingObject:
+        mesh = self._sized(setting.kind, round(setting.size, 4))
+        at = np.array([setting.x, setting.y, setting.z])
+        mesh = mesh.moved(at - mesh.centre).rotated(setting.rotation)
+        if setting.number is not None and setting.number < len(self._named):
+            _, thing = self._named[setting.number]
+            return MovingObject(mesh, thing.velocity, thing.spin)
+        return MovingObject(mesh)
 
     def _of_size(self, kind: str, size: float) -> Mesh:
         """An object of a size, ready to be cut."""
@@ -64,14 +73,14 @@ class Shelf:
         """The size of that, as a page counts it: the paper's for its shapes, the longest side for a file."""
         return SIZE if kind in SOLIDS else _longest(self._files[kind])
 
-    def _setting(self, name: str, mesh: Mesh) -> ObjectSetting:
+    def _setting(self, number: int, name: str, thing: MovingObject) -> ObjectSetting:
         """Where the command has put an object."""
-        rotation = 0.0
+        mesh, rotation = thing.mesh, 0.0
         if name in SOLIDS:  # a file was read in its rotation
             rotation = math.degrees(math.atan2(mesh.rotation[1, 0], mesh.rotation[0, 0]))
         x, y, z = mesh.centre.tolist()
         size = self._nominal(name) * _longest(mesh.rotated(-rotation)) / _longest(self._base(name))
-        return ObjectSetting(name, x, y, z, size, rotation)
+        return ObjectSetting(name, x, y, z, size, rotation, number)
 
 
 def _longest(mesh: Mesh) -> float:

@@ -11,13 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..host.playing.calibration import Calibration
-from ..protocol.board import CHANNELS
 from ..protocol.wiring import Wiring
-from ..solver import Medium, TransducerArray
+from ..solver import ControlPoints, Medium, TransducerArray
 from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
 
-__all__ = ["Rig", "Snapshot", "Waves"]
+__all__ = ["Rig", "Snapshot", "Waves", "rows_of"]
+
+
+def rows_of(points: ControlPoints) -> NDArray[np.float64]:
+    """Control points as a snapshot has them, (m, 4): places in metres, and strengths relative to the strongest."""
+    return np.column_stack([points.positions, points.amplitudes / points.amplitudes.max()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +35,7 @@ class Rig:
     name : str
         The device's, for people.
     wiring : Wiring, optional
-        Which output drives which transducer; an array of another size than a device's has none.
+        Which output drives which transducer, of a device's array.
     calibration : Calibration, optional
         As it is applied to drives.
     medium : Medium
@@ -45,11 +49,14 @@ class Rig:
     medium: Medium = field(default_factory=Medium)
 
     @cached_property
+    def emitting(self) -> TransducerArray:
+        """The array as it emits: pulses are corrected for its calibration already, so their drives must pass it."""
+        return self.array if self.calibration is None else self.array.calibrated(self.calibration.response)
+
+    @cached_property
     def channels(self) -> NDArray[np.int64]:
         """(n,) the output of each transducer; without a wiring as if they were wired in their order."""
-        if self.wiring is not None and len(self.array) == CHANNELS:
-            return self.wiring.channels
-        return np.arange(len(self.array))
+        return np.arange(len(self.array)) if self.wiring is None else self.wiring.channels
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +89,9 @@ class Snapshot:
     period : int
         Carrier period of the device's time.
     state : str
-        ``playing``, ``stopped``, ``waiting``, ``ended`` or ``lost``.
-    origin : str
-        The origin of the drives, for people.
+        ``playing``, ``stopped``, ``waiting``, ``ended`` or ``recording``.
+    source : str
+        Where the drives come from, for people.
     hands : sequence of Hand
     objects : sequence of Mesh
         Each in its place.
@@ -96,8 +103,8 @@ class Snapshot:
         Where hands cut objects, in metres.
     boards : tuple of str
         What is wrong with each board; empty if nothing is.
-    line : tuple of (str, str)
-        Figures for people: label and value.
+    figures : tuple of (str, str)
+        Rates, latencies, counts: label and value, for people.
     waves : Waves, optional
         Of the outputs that are watched.
     """
@@ -105,14 +112,14 @@ class Snapshot:
     drives: NDArray[Any]
     period: int = 0
     state: str = "playing"
-    origin: str = "as intended"
+    source: str = "as intended"
     hands: Sequence[Hand] = ()
     objects: Sequence[Mesh] = ()
     points: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 4)))
     ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     arcs: Sequence[NDArray[np.float64]] = ()
     boards: tuple[str, ...] = ()
-    line: tuple[tuple[str, str], ...] = ()
+    figures: tuple[tuple[str, str], ...] = ()
     waves: Waves | None = None
 
     def __repr__(self) -> str:

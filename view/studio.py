@@ -1,9 +1,14 @@
 """A session that pages direct: hands touch objects on a device, and every setting can be changed while they do.
 
-Three threads meet here. That of the device plays, and takes snapshots; that of the server hears what pages ask for, and
-only notes it, but for a stop, which a thread of its own brings to the device at once; that of the view paints. A change
-of the method, the frequency or the placing of points begins a new loop of touch, with its ramps; the other ones go on
-within the loop.
+==================  ======================================================================================
+playing             the thread that calls `Studio.run`; it alone touches the loop of touch, and an emulated device
+server              hears what pages ask for; it only notes it
+stop                brings a stop to a device that is not emulated (`Stopper`)
+shelf               prepares objects, which may take seconds; the loop goes on with the others meanwhile
+hand, tap, view     move the hand of the page, make snapshots, paint them
+==================  ======================================================================================
+
+A change of `LOOP_SETTINGS` begins a new loop, with its ramps. The others take effect within the loop.
 """
 
 from __future__ import annotations
@@ -13,12 +18,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, fields
 from functools import partial
-from threading import Thread
+from math import inf
 from types import TracebackType
 from typing import Any, Self
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ..emulator import Emulator
 from ..emulator.faults import FAULTS, InjectedFault
@@ -30,16 +32,19 @@ from ..host import Device
 from ..host.hands.frames import HandFrame
 from ..host.hands.sources import HandSource
 from ..host.touching.loop import TouchLoop, TouchMoment
-from ..protocol.board import PROCESSORS_PER_BOARD
+from ..protocol.board import CARRIER_HZ, PROCESSORS_PER_BOARD
 from ..solver import Toucher, TransducerArray
 from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
 from ..solver.objects.parsing import MovingObject
+from .comparing import gains_of
 from .hands import MouseHands
-from .settings import Settings
+from .newest import NewestTask
+from .settings import ObjectSetting, Settings
 from .shelf import Shelf
+from .stopping import Stopper
 from .tap import Tap
-from .view import View
+from .view import Director, View
 
 __all__ = ["Studio"]
 
@@ -48,7 +53,7 @@ LOOP_SETTINGS = ("method", "frequency", "spacing", "corners")
 REST_SECONDS = 1 / 30
 
 
-class Studio:
+class Studio(Director):
     """Plays on a device what pages ask for. It is the view's director.
 
     Parameters
@@ -62,7 +67,7 @@ class Studio:
     source : HandSource
         The hands; `MouseHands` are moved by pages.
     settings : Settings
-        With which it begins.
+        The first ones.
     emulator : Emulator, optional
         The device, if it is emulated in this process.
     unwatched : bool
@@ -82,51 +87,40 @@ class Studio:
     ) -> None:
         self._device, self._array, self._shelf, self._source = device, array, shelf, source
         self._emulator, self._unwatched = emulator, unwatched
-        self.settings = settings
+        self._settings = settings
         self._objects: tuple[MovingObject, ...] = shelf.put(settings.objects)
         self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._playing, self._renew, self._lost = True, False, False
-        self._loop: TouchLoop | None = None
+        self._stopper = Stopper(device, emulator)
+        self._playing, self._lost = True, False
         self._begin = device.time.monotonic()
-        self.controls: tuple[str, ...] = ("stop", "play", "objects", "past")
+        self._hands: tuple[Hand, ...] = ()
+        self._loop: TouchLoop | None = None
+        self.controls = ("stop", "play", "objects")
         if isinstance(source, MouseHands):
             self.controls += ("hand",)
         if emulator is not None:
             self.controls += ("faults", "waves")
         self.object_kinds = shelf.kinds
         self.faults = _faults() if emulator is not None else ()
-        self._view: View | None = None
-        self._tap: Tap | None = None
-        self._over: Callable[[], bool] = lambda: False
-        self._hands: tuple[Hand, ...] = ()
 
-    # What pages ask for, in the server's thread
+    # In the server's thread
 
     def stop(self) -> None:
         """Turn the outputs off, and leave them off until `go`."""
         self._playing = False
-        Thread(target=self._turn_off, name="phasewire stop", daemon=True).start()
-
-    def _turn_off(self) -> None:
-        try:
-            self._device.stop()
-        except DeviceError as error:
-            self._say(f"the device did not answer to the stop: {error}; its watchdog turns the outputs off")
+        self._stopper.stop()
 
     def go(self) -> None:
         """Play again."""
         self._playing = True
 
     def gone(self) -> None:
-        """The last page has gone: turn the outputs off, unless it was told otherwise."""
+        """The last page has gone: turn the outputs off, unless `unwatched`."""
         if not self._unwatched:
             self.stop()
 
-    def fault(self, fault: dict[str, Any] | None) -> None:
-        """Inject a fault into an emulated device, or clear the faults of any."""
-        if fault is None:
-            self._todo.put(self._clear_faults)
-            return
+    def fault(self, fault: dict[str, Any]) -> None:
+        """Inject a fault into an emulated device."""
         if self._emulator is None:
             raise ValueError("faults can be injected into an emulated device only")
         try:
@@ -135,39 +129,15 @@ class Studio:
             raise ValueError(str(error)) from error
         self._todo.put(partial(self._inject, made))
 
-    def _inject(self, fault: InjectedFault) -> None:
-        assert self._emulator is not None
-        assert self._tap is not None
-        self._emulator.inject(fault)
-        board = getattr(fault, "board", None)
-        if board is None and (processor := getattr(fault, "processor", None)) is not None:
-            board = processor // PROCESSORS_PER_BOARD
-        if board is not None:
-            self._tap.injected[board] = fault.name()
-
-    def _clear_faults(self) -> None:
-        assert self._tap is not None
-        self._tap.injected.clear()
-        self._device.clear_faults()
+    def clear_faults(self) -> None:
+        """Clear the faults whose cause is gone."""
+        self._todo.put(self._clear_faults)
 
     def apply(self, settings: Settings) -> None:
         """Play by these settings from now on."""
-        before, self.settings = self.settings, settings
-        if settings.objects != before.objects:
-            self._objects = self._shelf.put(settings.objects)
-        if settings.hand is not None and settings.hand != before.hand and isinstance(self._source, MouseHands):
-            self._source.follow(settings.hand)
-        if (settings.amplitude, settings.silenced) != (before.amplitude, before.silenced) and self._loop is not None:
-            self._loop.turn_down(self._gains())
-        if any(getattr(settings, name) != getattr(before, name) for name in LOOP_SETTINGS):
-            self._renew = True
+        self._todo.put(partial(self._apply, settings))
 
-    def _gains(self) -> NDArray[np.float32]:
-        gains = np.full(len(self._array), self.settings.amplitude, np.float32)
-        gains[list(self.settings.silenced)] = 0
-        return gains
-
-    # In the device's thread
+    # In the playing thread
 
     def warm_up(self) -> None:
         """Load what is compiled, which the first touch must not wait for. The outputs are off still."""
@@ -179,25 +149,26 @@ class Studio:
         Raises
         ------
         PhasewireError
-            If the device or the tracker is lost.
+            If the tracker is lost.
         """
         self._view, self._over = view, over
-        with Tap(self._device, view, self._emulator) as self._tap:
-            self._run(view)
-
-    def _run(self, view: View) -> None:
-        if not self._unwatched:
-            self._rest_until(lambda: view.server.pages > 0, "waiting")
-        while not (self._source.ended or self._over()):
-            if self._playing:
-                self._play()
-            else:
-                self._rest_until(lambda: self._playing, "stopped")
-        self._show_rest("ended", at_once=True)
+        self._shelving = NewestTask("phasewire shelf", lambda error: self._say(str(error)))
+        try:
+            with Tap(self._device, view, self._emulator) as self._tap:
+                if not self._unwatched:
+                    self._rest_until(lambda: view.server.pages > 0, "waiting")
+                while not (self._source.ended or over()):
+                    if self._playing:
+                        self._play()
+                    else:
+                        self._rest_until(lambda: self._playing, "stopped")
+                self._show_rest("ended")
+        finally:
+            self._shelving.close()
 
     def _new_loop(self, source: HandSource) -> TouchLoop:
-        settings = self.settings
-        return TouchLoop(
+        settings = self._settings
+        loop = TouchLoop(
             self._device,
             source,
             self._objects_at,
@@ -207,48 +178,36 @@ class Studio:
             frequency=settings.frequency,
             on_moment=self._seen,
         )
+        loop.set_gains(gains_of(settings, len(self._array)))
+        return loop
 
     def _play(self) -> None:
         """Play with one loop of touch, until it must be another one."""
-        self._renew = False
-        if self._lost and not self._find_again():
-            return
-        self._loop = self._new_loop(_Lease(self._source, self))
-        self._loop.turn_down(self._gains())
+        self._stopper.wait()
+        stops = self._stopper.count
         try:
+            if self._lost:
+                self._device.reopen()
+                self._lost = False
+            ends = partial(self._must_end, self._settings)
+            self._loop = self._new_loop(_Lease(self._source, self._serve, ends))
             self._loop.run()
         except DeviceRefusedError as error:
-            if self._playing:  # nobody has stopped it
+            if self._stopper.count == stops:  # no page has stopped it
                 self._playing = False
                 self._say(f"the device refuses to play: {error}")
         except DeviceError as error:
             self._playing, self._lost = False, True
             self._say(f"{error}; Play tries again")
-        finally:
-            self._loop = None
 
-    def _find_again(self) -> bool:
-        """Whether a device that was lost is back."""
-        try:
-            self._device.reopen()
-        except DeviceError as error:
-            self._playing = False
-            self._say(f"{error}; Play tries again")
-        else:
-            self._lost = False
-        return not self._lost
+    def _must_end(self, settings: Settings) -> bool:
+        """Whether a loop that was made by these settings must end."""
+        changed = any(getattr(settings, name) != getattr(self._settings, name) for name in LOOP_SETTINGS)
+        return changed or not self._playing or self._over()
 
-    def _objects_at(self, moment: float) -> Sequence[Mesh]:
-        return [thing.at(moment - self._begin) for thing in self._objects]
-
-    def _seen(self, moment: TouchMoment) -> None:
-        """Show what was just played, if it is time."""
-        assert self._tap is not None
-        assert self._loop is not None
-        self._tap.take_moment(moment, self._loop)
-
-    def serve(self) -> None:
-        """Do what pages have asked for, in the thread that plays."""
+    def _serve(self) -> None:
+        """Do what pages have asked for."""
+        self._stopper.serve()
         while True:
             try:
                 task = self._todo.get_nowait()
@@ -259,52 +218,89 @@ class Studio:
             except (PhasewireError, ValueError) as error:
                 self._say(str(error))
 
-    @property
-    def renewed(self) -> bool:
-        """Whether the loop that plays must end."""
-        return self._renew or not self._playing or self._over()
+    def _apply(self, settings: Settings) -> None:
+        before, self._settings = self._settings, settings
+        if settings.objects != before.objects:
+            self._shelving.offer(partial(self._put, settings.objects))
+        if settings.hand is not None and settings.hand != before.hand and isinstance(self._source, MouseHands):
+            self._source.follow(settings.hand)
+        if (settings.amplitude, settings.silenced) != (before.amplitude, before.silenced) and self._loop is not None:
+            self._loop.set_gains(gains_of(settings, len(self._array)))
+
+    def _put(self, objects: Sequence[ObjectSetting]) -> None:
+        """Prepare objects, in the shelf's thread."""
+        self._objects = self._shelf.put(objects)
+
+    def _inject(self, fault: InjectedFault) -> None:
+        assert self._emulator is not None
+        self._emulator.inject(fault)
+        board = getattr(fault, "board", None)
+        if board is None and (processor := getattr(fault, "processor", None)) is not None:
+            board = processor // PROCESSORS_PER_BOARD
+        if board is not None:
+            periods = getattr(fault, "periods", None)
+            self._tap.inject(board, fault.name(), inf if periods is None else periods / CARRIER_HZ)
+
+    def _clear_faults(self) -> None:
+        self._device.clear_faults()
+
+    def _objects_at(self, moment: float) -> Sequence[Mesh]:
+        return [thing.at(moment - self._begin) for thing in self._objects]
+
+    def _seen(self, moment: TouchMoment) -> None:
+        """Show what was just played, if it is time."""
+        assert self._loop is not None
+        self._tap.take_moment(moment, self._loop)
 
     def _rest_until(self, done: Callable[[], bool], state: str) -> None:
         """Let time pass with the outputs off."""
         while not (done() or self._over() or self._source.ended):
-            self.serve()
-            time.sleep(REST_SECONDS)
-            if self._emulator is not None:
-                self._device.time.sleep(REST_SECONDS)
-            self._show_rest(state)
+            try:
+                self._serve()
+                time.sleep(REST_SECONDS)
+                if self._emulator is not None:
+                    self._device.time.sleep(REST_SECONDS)
+            except DeviceError as error:
+                self._lost = True
+                self._say(str(error))
+            if self._tap.due:
+                self._show_rest(state)
 
-    def _show_rest(self, state: str, *, at_once: bool = False) -> None:
-        assert self._tap is not None
+    def _show_rest(self, state: str) -> None:
         frame = self._source.next_frame(0) if not self._source.ended else None
         if frame is not None:
             self._hands = tuple(tracked.hand for tracked in frame.hands)
-        if at_once or self._tap.due:
-            objects = self._objects_at(self._device.time.monotonic())
-            try:
-                self._tap.take(hands=self._hands, objects=objects, state=state)
-            except DeviceError as error:
-                self._say(str(error))
+        self._tap.take(hands=self._hands, objects=self._objects_at(self._device.time.monotonic()), state=state)
 
     def _say(self, text: str) -> None:
-        assert self._view is not None
         self._view.say(text, error=True)
 
 
 class _Lease:
-    """The hands of a studio for one loop, which ends when the studio needs another."""
+    """The hands of a studio for one loop.
 
-    def __init__(self, source: HandSource, studio: Studio) -> None:
-        self._source, self._studio = source, studio
+    Parameters
+    ----------
+    source : HandSource
+        The studio's.
+    serve : callable
+        Is called before each frame.
+    ends : callable
+        Whether the loop must end.
+    """
+
+    def __init__(self, source: HandSource, serve: Callable[[], None], ends: Callable[[], bool]) -> None:
+        self._source, self._serve, self._ends = source, serve, ends
         self.name, self.notes, self.rate, self.live = source.name, source.notes, source.rate, source.live
 
     @property
     def ended(self) -> bool:
         """Whether the loop must end."""
-        return self._studio.renewed or self._source.ended
+        return self._ends() or self._source.ended
 
     def next_frame(self, timeout: float) -> HandFrame | None:
-        """The newest frame; what pages have asked for is done before."""
-        self._studio.serve()
+        """The newest frame."""
+        self._serve()
         return self._source.next_frame(timeout)
 
     def __iter__(self) -> Iterator[HandFrame]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from threading import Event, Lock, Thread
 from types import TracebackType
@@ -12,11 +13,12 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..protocol.board import CARRIER_HZ, HALF_TICKS_PER_PERIOD
+from ..errors import PhasewireError
+from ..protocol.board import BOARDS, CARRIER_HZ, CHANNELS_PER_PROCESSOR, HALF_TICKS_PER_PERIOD, PROCESSORS_PER_BOARD
 from ..protocol.pulses import Pulses
 from ..protocol.wiring import Pin
 from ..solver import METHODS, Solution, TransducerArray, TwoSided
-from ..solver.contact.hand import Hand
+from ..solver.contact.hand import LANDMARKS, QUADS, Hand
 from ..solver.contact.mesh import Mesh
 from .comparing import Comparison
 from .messages import PageCommand, encode, read_command
@@ -24,9 +26,11 @@ from .painting import IMAGE_QUANTITIES, Painter
 from .past import Past
 from .server import LOOPBACK, PageServer
 from .settings import GROUPS, RANGES, Choices, Settings
-from .snapshot import Rig, Snapshot
+from .snapshot import Rig, Snapshot, rows_of
 
 __all__ = ["Director", "Tape", "View"]
+
+_log = logging.getLogger(__name__)
 
 MOST_RATE = 60.0
 """Frames per second that are painted."""
@@ -49,15 +53,24 @@ class Tape(Protocol):
         """The snapshot of a period, or of the last one before it; None if there is none."""
 
 
-class Director(Protocol):
-    """Carries out what pages ask for. Every method is called in the thread of the server, and returns at once."""
+class Director:
+    """Carries out what pages ask for; this one does nothing.
 
-    controls: tuple[str, ...]
-    """What a page offers beside the view itself: some of ``stop``, ``play``, ``hand``, ``objects``, ``faults``,
-    ``past`` and ``waves``."""
-    object_kinds: tuple[str, ...]
-    faults: tuple[dict[str, Any], ...]
-    """For the page: the name of each fault, and its fields with their ranges."""
+    Its methods are called in the server's thread, and return at once.
+
+    Attributes
+    ----------
+    controls : tuple of str
+        What a page offers beside the view: some of ``stop``, ``play``, ``hand``, ``objects``, ``faults``, ``waves``.
+    object_kinds : tuple of str
+        Kinds of objects.
+    faults : tuple of dict
+        For the page: the name of each fault, and its fields with their ranges.
+    """
+
+    controls: tuple[str, ...] = ()
+    object_kinds: tuple[str, ...] = ()
+    faults: tuple[dict[str, Any], ...] = ()
 
     def stop(self) -> None:
         """Turn the outputs off."""
@@ -65,37 +78,17 @@ class Director(Protocol):
     def go(self) -> None:
         """Play again."""
 
-    def fault(self, fault: dict[str, Any] | None) -> None:
-        """Inject a fault, `ValueError` if it is none; or clear those whose cause is gone."""
+    def fault(self, fault: dict[str, Any]) -> None:
+        """Inject a fault; raise `ValueError` if it is not valid."""
+
+    def clear_faults(self) -> None:
+        """Clear the faults whose cause is gone."""
 
     def apply(self, settings: Settings) -> None:
-        """Play by these settings, or raise `ValueError`."""
+        """Play by these settings."""
 
     def gone(self) -> None:
         """The last page has gone."""
-
-
-class Onlooker:
-    """A director who directs nothing."""
-
-    controls: tuple[str, ...] = ()
-    object_kinds: tuple[str, ...] = ()
-    faults: tuple[dict[str, Any], ...] = ()
-
-    def stop(self) -> None:
-        """There is nothing to stop."""
-
-    def go(self) -> None:
-        """Nor to begin."""
-
-    def fault(self, fault: dict[str, Any] | None) -> None:
-        """Nor to break."""
-
-    def apply(self, settings: Settings) -> None:
-        """Nor to play."""
-
-    def gone(self) -> None:
-        """Nobody looks."""
 
 
 class View:
@@ -106,7 +99,7 @@ class View:
     array : TransducerArray or Rig, optional
         What is shown; the default grid by default.
     settings : Settings, optional
-        With which a page begins.
+        The first ones.
     director : Director, optional
         Carries out what a page asks for; without one a page only looks.
     tape : Tape, optional
@@ -142,16 +135,18 @@ class View:
         saving: bool = False,
     ) -> None:
         self.rig = array if isinstance(array, Rig) else Rig(array or TransducerArray.grid())
-        self._director = director or Onlooker()
+        self._director = director or Director()
         self.settings = settings or Settings()
         groups = frozenset(("view", *self._director.controls)) & set(GROUPS)
         self._choices = Choices(
             groups, len(self.rig.array), tuple(METHODS), tuple(IMAGE_QUANTITIES), tuple(self._director.object_kinds)
         )
-        self._painter, self._comparison = Painter(self.rig), Comparison(self.rig.array)
+        self._painter, self._comparison = Painter(self.rig), Comparison(self.rig)
         self._past, self._tape = Past(), tape
         self._lock = Lock()
         """Of the snapshots and the settings, which several threads use."""
+        self._told: str | None = None
+        """The last error of painting, which is told once."""
         self._newest = Snapshot(np.zeros((1, len(self.rig.array)), np.complex64), state="waiting")
         self._exact: Snapshot | None = None
         self._changed, self._closing = Event(), Event()
@@ -169,7 +164,7 @@ class View:
         self.server.start()
         self._thread = Thread(target=self._paint, name="phasewire view", daemon=True)
         self.server.keep("setup", self._setup())
-        self._keep_settings()
+        self.settle(lambda settings: settings)
         self._thread.start()
 
     def __repr__(self) -> str:
@@ -271,146 +266,133 @@ class View:
         """Tell those who look something."""
         self.server.tell(encode("notice", {"text": text, "error": error}))
 
-    def settle(self, **settings: Any) -> None:
-        """Change settings, as a page would, but unchecked."""
+    def settle(self, change: Callable[[Settings], Settings]) -> None:
+        """Change the settings, and tell all pages; an error of the change leaves them as they are."""
         with self._lock:
-            self.settings = replace(self.settings, **settings)
-        self._keep_settings()
+            before, self.settings = self.settings, change(self.settings)
+            if self.settings.at != before.at:
+                self._exact = None
+            self.server.keep("settings", encode("settings", {"values": asdict(self.settings)}))
         self._changed.set()
 
     # From pages, in the server's thread
 
     def _hear(self, text: str) -> None:
-        """Carry out what a page asks for; an error is told to it."""
+        """Carry out what a page asks for; an error is told to it, and does not end its connection."""
         try:
             self._carry_out(read_command(text))
-        except ValueError as error:
+        except Exception as error:
+            if not isinstance(error, ValueError | PhasewireError):
+                _log.exception("a request of a page failed")
             self.say(str(error), error=True)
 
     def _carry_out(self, command: PageCommand) -> None:
-        if command.do == "stop":
-            self._director.stop()
-        elif command.do == "go":
-            self._director.go()
-        elif command.do is not None:
-            self._director.fault(None if command.fault is None else dict(command.fault))
-        else:
-            settings = self.settings.changed(command.settings, self._choices)
-            self._director.apply(settings)
-            with self._lock:
-                self.settings = settings
-                if "at" in command.settings:
-                    self._exact = None
-            self._keep_settings()
-            self._changed.set()
-
-    def _keep_settings(self) -> None:
-        self.server.keep("settings", encode("settings", {"values": asdict(self.settings)}))
+        match command.do:
+            case "stop":
+                self._director.stop()
+            case "go":
+                self._director.go()
+            case "fault":
+                self._director.fault(dict(command.fault or {}))
+            case "clear-faults":
+                self._director.clear_faults()
+            case _:
+                self.settle(lambda settings: settings.changed(command.settings, self._choices))
+                self._director.apply(self.settings)
 
     # To pages, in the view's own thread
 
     def _paint(self) -> None:
         """Paint what is new whenever a page can take it."""
         while not self._closing.is_set():
-            if (
-                self.server.wanted.wait(IDLE_SECONDS)
-                and self._changed.wait(IDLE_SECONDS)
-                and not self._closing.is_set()
-            ):
-                self._changed.clear()
-                began = time.monotonic()
+            if not (self.server.wanted.wait(IDLE_SECONDS) and self._changed.wait(IDLE_SECONDS)):
+                continue
+            self._changed.clear()
+            began = time.monotonic()
+            try:
                 self.server.publish(self._frame())
-                time.sleep(max(0.0, 1 / MOST_RATE - (time.monotonic() - began)))
+            except Exception as error:
+                _log.exception("a frame could not be painted")
+                if self._told != (said := f"a frame could not be painted: {error}"):
+                    self._told = said
+                    self.say(said, error=True)
+            time.sleep(max(0.0, 1 / MOST_RATE - (time.monotonic() - began)))
 
-    def _shown(self) -> tuple[Snapshot, bool, Settings]:
-        """The snapshot to paint, and whether it is of now."""
+    def _shown(self) -> tuple[Snapshot, bool, Settings, tuple[int, int] | tuple[None, None]]:
+        """The snapshot to paint, whether it is of now, the settings, and the periods that can be gone back to."""
         with self._lock:
-            settings, newest, exact = self.settings, self._newest, self._exact
-            tape = self._tape or self._past
+            settings, tape = self.settings, self._tape or self._past
+            span = tape.span or (None, None)
             if settings.at is None and self._tape is None:
-                return newest, True, settings
-            if exact is not None and exact.period == settings.at:
-                return exact, False, settings
-            found = tape.at(settings.at or 0)
-        return found or newest, False, settings
+                return self._newest, True, settings, span
+            if self._exact is not None and self._exact.period == settings.at:
+                return self._exact, False, settings, span
+            return tape.at(settings.at or 0) or self._newest, False, settings, span
 
     def _frame(self) -> bytes:
         """The next frame for the page."""
-        snapshot, live, settings = self._shown()
+        snapshot, live, settings, (oldest, newest) = self._shown()
         self._keep_objects(snapshot.objects)
-        other = self._comparison.drives(snapshot, settings)
-        try:
-            planes, scale = self._painter.paint(snapshot, settings, other)
-            probe = None if settings.probe is None else self._painter.probe(snapshot, settings.probe)._asdict()
-        except ValueError as error:
-            self.settle(xy=False, xz=False, yz=False, probe=None)
-            self.say(f"planes are off: {error}", error=True)
-            return self._frame()
         arrays = self._arrays(snapshot)
-        side = None
-        if other is not None and settings.compare is not None:
-            *planes, this, that = planes
-            arrays |= {"this": this.levels, "other": that.levels}
-            numbers = self._comparison.numbers(self._painter, snapshot, other)
-            side = {
-                "method": settings.method,
-                "other": settings.compare,
-                "this_array": "this",
-                "array": "other",
-                "numbers": numbers,
-            }
-        for image in planes:
-            arrays[image.name] = image.levels
-        tape = self._tape or self._past
-        with self._lock:
-            span = tape.span or (None, None)
-        waves = snapshot.waves
-        if waves is not None:
-            arrays["waves"] = waves.bits
         fields = {
             "seconds": snapshot.period / CARRIER_HZ,
             "period": snapshot.period,
             "state": snapshot.state,
-            "origin": snapshot.origin,
+            "source": snapshot.source,
             "live": live,
-            "oldest": span[0],
-            "newest": span[1],
+            "oldest": oldest,
+            "newest": newest,
             "sides": [hand.side for hand in snapshot.hands],
-            "planes": [
-                {
-                    "name": image.name,
-                    "corner": image.corner.tolist(),
-                    "u": image.u.tolist(),
-                    "v": image.v.tolist(),
-                    "array": image.name,
-                }
-                for image in planes
-            ],
-            "scale": scale,
-            "side": side,
-            "probe": probe,
             "pick": None if settings.pick is None else self._picked(settings.pick, snapshot, settings),
-            "boards": list(snapshot.boards) or [""] * 5,
-            "line": snapshot.line,
-            "waves": None
-            if waves is None
-            else {
-                "names": [f"{each}: {Pin.of(int(self.rig.channels[each])).name}" for each in waves.transducers],
-                "first": waves.first_tick,
-                "array": "waves",
-            },
+            "boards": snapshot.boards or ("",) * BOARDS,
+            "figures": snapshot.figures,
+            "waves": self._waves(snapshot, arrays),
         }
+        try:
+            fields |= self._fields(snapshot, settings, arrays)
+        except ValueError as error:  # a plane or a probe that is too close to a transducer
+            self.settle(lambda now: replace(now, xy=False, xz=False, yz=False, probe=None, compare=None))
+            self.say(f"planes and probe are off: {error}", error=True)
+            fields |= self._fields(snapshot, self.settings, arrays)
         return encode("frame", fields, arrays)
 
+    def _fields(self, snapshot: Snapshot, settings: Settings, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+        """What a frame has of the fields; images are added to the arrays."""
+        other = self._comparison.drives(snapshot, settings)
+        images, scale = self._painter.paint(snapshot, settings, other)
+        side = None
+        if other is not None:
+            *images, this, that = images
+            arrays |= {"this": this.levels, "other": that.levels}
+            numbers = self._comparison.numbers(self._painter, snapshot, other)
+            side = {"method": settings.method, "other": settings.compare, "numbers": numbers}
+        arrays |= {image.name: image.levels for image in images}
+        probe = None if settings.probe is None else self._painter.probe(snapshot, settings.probe)._asdict()
+        planes = [
+            {"name": image.name, "corner": image.corner.tolist(), "u": image.u.tolist(), "v": image.v.tolist()}
+            for image in images
+        ]
+        return {"planes": planes, "scale": scale, "side": side, "probe": probe}
+
+    def _waves(self, snapshot: Snapshot, arrays: dict[str, NDArray[Any]]) -> dict[str, Any] | None:
+        """What a frame has of the square waves; their bits are added to the arrays."""
+        if (waves := snapshot.waves) is None:
+            return None
+        arrays["waves"] = waves.bits
+        names = [f"{each}: {Pin.of(int(self.rig.channels[each])).name}" for each in waves.transducers]
+        return {"names": names, "first": waves.first_tick}
+
     def _arrays(self, snapshot: Snapshot) -> dict[str, NDArray[Any]]:
-        emitted = snapshot.drives[0]
-        strongest = np.abs(snapshot.drives).max(axis=0)
+        magnitudes = np.abs(snapshot.drives)
+        stronger = magnitudes.argmax(axis=0), np.arange(snapshot.drives.shape[1])
         arcs = [np.stack([arc[:-1], arc[1:]], axis=1) for arc in snapshot.arcs if len(arc) > 1]
         arrays: dict[str, NDArray[Any]] = {
-            "phase": (np.angle(emitted) % (2 * np.pi) * (256 / (2 * np.pi))).astype(np.int64).astype(np.uint8),
-            "amplitude": np.minimum(strongest * FULL + 0.5, FULL).astype(np.uint8),
-            "landmarks": np.array([hand.landmarks for hand in snapshot.hands]).reshape(-1, 21, 3),
-            "quads": np.array([hand.quads for hand in snapshot.hands]).reshape(-1, 16, 4, 3),
+            "phase": (np.angle(snapshot.drives[stronger]) % (2 * np.pi) * (256 / (2 * np.pi)))
+            .astype(np.int64)
+            .astype(np.uint8),
+            "amplitude": np.minimum(magnitudes[stronger] * FULL + 0.5, FULL).astype(np.uint8),
+            "landmarks": np.array([hand.landmarks for hand in snapshot.hands]).reshape(-1, LANDMARKS, 3),
+            "quads": np.array([hand.quads for hand in snapshot.hands]).reshape(-1, QUADS, 4, 3),
             "points": snapshot.points,
             "arcs": np.concatenate(arcs) if arcs else np.empty((0, 2, 3)),
         }
@@ -427,8 +409,7 @@ class View:
         arrays: dict[str, NDArray[Any]] = {}
         for number, mesh in enumerate(objects):
             arrays |= {f"vertices{number}": mesh.vertices, f"faces{number}": mesh.faces.astype(np.uint32)}
-        names = [f"object {number}" for number in range(len(objects))]
-        self.server.keep("objects", encode("objects", {"names": names, "still": [True] * len(names)}, arrays))
+        self.server.keep("objects", encode("objects", {"count": len(objects)}, arrays))
 
     def _picked(self, number: int, snapshot: Snapshot, settings: Settings) -> dict[str, Any]:
         """What there is to say about a transducer."""
@@ -457,10 +438,11 @@ class View:
     def _setup(self) -> bytes:
         from matplotlib import colormaps
 
-        processors, bits = np.divmod(self.rig.channels, 32)
+        processors, bits = np.divmod(self.rig.channels, CHANNELS_PER_PROCESSOR)
+        boards, processors = np.divmod(processors, PROCESSORS_PER_BOARD)
         fields = {
             "device": self.rig.name,
-            "controls": list(self._director.controls),
+            "controls": ["past", *(["recording"] if self._tape else []), *self._director.controls],
             "methods": list(METHODS),
             "quantities": [
                 {"name": name, "label": each.label, "unit": each.unit, "cyclic": each.cyclic}
@@ -473,8 +455,8 @@ class View:
         arrays: dict[str, NDArray[Any]] = {
             "positions": self.rig.array.positions,
             "normals": self.rig.array.normals,
-            "board": (processors // 2).astype(np.uint8),
-            "processor": (processors % 2).astype(np.uint8),
+            "board": boards.astype(np.uint8),
+            "processor": processors.astype(np.uint8),
             "bit": bits.astype(np.uint8),
             "cyclic": _colours(colormaps[CYCLIC]),
             "sequential": _colours(colormaps[SEQUENTIAL]),
@@ -492,7 +474,7 @@ def _drives(given: Any, transducers: int) -> tuple[NDArray[np.complexfloating], 
     """Drives (k, n), and the control points of a solution, (m, 4)."""
     points = None
     if isinstance(given, Solution | TwoSided):
-        points = np.column_stack([given.points.positions, given.points.amplitudes / given.points.amplitudes.max()])
+        points = rows_of(given.points)
         given = given.drive if isinstance(given, Solution) else given.drives
     elif isinstance(given, Pulses):
         given = given.to_drive()

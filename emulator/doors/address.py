@@ -86,15 +86,15 @@ class EmulatorUrl:
             _baud(url, options.get("baud", str(BAUD))),
         )
 
-    def make(self, flash: Flash | None = None) -> Emulator:
-        """Make the fresh emulator, with a flash or as it leaves the factory.
+    def make(self, flash: Flash | None = None, *, history_periods: int | None = None) -> Emulator:
+        """Make the fresh emulator, with a flash or as it leaves the factory; the history is as `Emulator` keeps it.
 
         Raises
         ------
         InputFileError
             If the scenario cannot be read, or contains something impossible.
         """
-        emulator = Emulator(link=self.link, speed=self.speed, flash=flash)
+        emulator = Emulator(link=self.link, speed=self.speed, flash=flash, history_periods=history_periods)
         if self.faults is None:
             return emulator
         try:

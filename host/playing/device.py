@@ -262,8 +262,7 @@ class Device:
             with suppress(DeviceLostError):  # it may be gone before it has answered
                 self._session.order(Request.RESET)
             self._session.wait_until_gone()
-            self._session.reopen()
-            self._forget()
+            self.reopen()
 
     def reopen(self) -> None:
         """Open it again after it was lost, when it comes back, with its outputs off and its stores empty.
@@ -274,8 +273,8 @@ class Device:
             If it does not come back within some seconds.
         """
         with self._session.lock:
+            self._enabled = False
             self._session.reopen()
-            self._turn_off()  # it may be unchanged, and play on
             self._forget()
 
     def identify(self, board: int) -> None:

@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import DeviceError, DeviceRefusedError, TrackerError
-from ...protocol.board import CARRIER_HZ
 from ...protocol.codes import Reason
 from ...protocol.quantise import PulseFrames
 from ...solver import TransducerArray
@@ -194,12 +193,17 @@ class TouchLoop:
     @property
     def half_periods(self) -> int:
         """How many carrier periods each of the two fields plays."""
-        return round(CARRIER_HZ / (2 * self._turns.frequency))
+        return self._turns.half
 
-    def turn_down(self, gains: NDArray[np.float32]) -> None:
-        """From the next pose on, drive each transducer by a part of what was solved, (n,) from 0 to 1; 0 silences it.
+    def set_gains(self, gains: NDArray[np.float32]) -> None:
+        """Scale the solved drive of each transducer by its gain, (n,) from 0 to 1, from the next pose on.
 
         Any thread may call it.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many gains as transducers, or one is out of range.
         """
         if gains.shape != (len(self._array),) or not ((gains >= 0) & (gains <= 1)).all():
             raise ValueError(f"gains must be {len(self._array)} numbers from 0 to 1")

@@ -62,6 +62,8 @@ class Turns(Protocol):
         Of these, changes that began later than they named.
     slipped : int
         Turns at whose beginning the host was held up, so that the field before played on.
+    half : int
+        Carrier periods for which each field plays.
     frequency : float
         Of the modulation as it comes out, in Hz.
     pace : float
@@ -71,6 +73,7 @@ class Turns(Protocol):
     blocks: int
     late: int
     slipped: int
+    half: int
     frequency: float
     pace: float
 
@@ -127,7 +130,7 @@ class _Clocked:
     """What both ways have: the device's clock, and its signs of life."""
 
     def __init__(self, device: Device, half: int, block_periods: int, watchdog: float) -> None:
-        self._device, self._half, self._block_periods = device, half, block_periods
+        self._device, self.half, self._block_periods = device, half, block_periods
         self._life_seconds = watchdog * LIFE
         self.frequency = CARRIER_HZ / (2 * half)
         self.pace = max(min(half, MOST_PACE_PERIODS), BLOCKS_PER_POSE * block_periods) / CARRIER_HZ
@@ -187,7 +190,7 @@ class StreamedTurns(_Clocked):
         """When the next turn must be on its way, or, in silence, the next sign of life."""
         if self._fields is None:
             return self._heard + self._life_seconds
-        return self._clock.moment_of((self._sent + 1) * self._half - self._guard) + ROUNDING_SECONDS
+        return self._clock.moment_of((self._sent + 1) * self.half - self._guard) + ROUNDING_SECONDS
 
     def show(self, fields: PulseFrames) -> bool:
         """Play two fields from now on."""
@@ -212,7 +215,7 @@ class StreamedTurns(_Clocked):
 
     def _turn(self, now: float) -> int:
         """The turn in which a block begins to play, or for which it is kept, if it is sent now."""
-        return floor((now + self._guard) / self._half)
+        return floor((now + self._guard) / self.half)
 
     def _send(self, now: float, *, begun: bool) -> None:
         """Send the field whose turn it is when it arrives."""
@@ -220,7 +223,7 @@ class StreamedTurns(_Clocked):
         turn = self._turn(now)
         if begun:  # by a reading of the clock the host's estimate may go back by a little
             turn = max(turn, self._sent)
-        begins = turn * self._half
+        begins = turn * self.half
         named = turn > self._sent and begins >= now + self._lead
         if begun:
             self.slipped += max(turn - self._sent - 1 + (turn > self._sent and begins < now), 0)
@@ -249,9 +252,9 @@ class StoredTurns(_Clocked):
         before = self._device.time.monotonic()
         for number, slot in enumerate(slots):
             self._device.store(slot, fields.pulses(number))
-        whole = 2 * self._half
+        whole = 2 * self.half
         ready = self._now() + LEAST_LEAD_PERIODS + RESERVE_PERIODS + BLOCKS_PER_POSE * self._block_periods
-        steps = [(slot, self._half) for slot in slots]
+        steps = [(slot, self.half) for slot in slots]
         ack = self._device.play(steps, period=ceil(ready / whole) * whole)
         self._count(before, ack, BLOCKS_PER_POSE)
         return True

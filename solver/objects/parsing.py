@@ -16,7 +16,7 @@ from ..shapes.notation import check, read_parameters, written
 from .mesh_files import MESH_FILES, read_mesh
 from .volumes import VOLUMES, read_volume_mesh, volume_suffix
 
-__all__ = ["MovingObject", "object_help", "parse_object"]
+__all__ = ["MovingObject", "object_help", "object_name", "parse_object"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,14 +139,12 @@ def parse_object(text: str, status: Callable[[str], None] | None = None) -> Movi
     InputFileError, OSError
         If a file cannot be read.
     """
-    name, _, parameters = text.partition(":")
+    name = object_name(text)
+    parameters = text[len(name) + 1 :]
     if name in SOLIDS:
         values = read_parameters(name, parameters, Size, Placement)
         made: Mesh = getattr(Mesh, name)(values.pop("size", Size.size))
         return Placement(**values).put(made)
-    name, colon, parameters = text.rpartition(":")  # a file's name may have colons
-    if not colon or _kind(text):
-        name, parameters = text, ""
     path = Path(name)
     if (kind := _kind(name)) is None:
         raise ValueError(
@@ -161,6 +159,15 @@ def parse_object(text: str, status: Callable[[str], None] | None = None) -> Movi
     if "level" not in own:
         raise ValueError(f"{name} needs level=…, the value above which the object is")
     return place.put(read_volume_mesh(path, **own, status=status))
+
+
+def object_name(text: str) -> str:
+    """The shape or the file that an object's text names, without its parameters; a file's name may have colons."""
+    first, _, _ = text.partition(":")
+    if first in SOLIDS:
+        return first
+    name, colon, _ = text.rpartition(":")
+    return text if not colon or _kind(text) else name
 
 
 def _kind(name: str) -> type[Scale | Surface] | None:

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -100,9 +101,9 @@ def test_a_recording_is_shown_without_a_device(tmp_path: Path) -> None:
 def test_a_command_is_watched_and_stopped_by_its_page(arguments: tuple[str, ...], code: int) -> None:
     with viewing(*arguments, "--view") as (process, url), page_of(url) as page:
         frame = page.until(sounding)
-        assert frame["origin"] == "bits of the emulated boards"
+        assert frame["source"] == "bits of the emulated boards"
         later = page.until(lambda message: message["period"] > frame["period"] + 10_000)
-        assert later["line"]
+        assert later["figures"]
         page.set(amplitude=0.5)
         assert "only watches" in page.notice()
         page.do("stop")
@@ -127,21 +128,18 @@ def test_a_page_that_is_closed_stops_the_command_that_it_watched() -> None:
 
 
 def test_a_stream_keeps_the_pace_of_the_wall_clock(tmp_path: Path) -> None:
-    with viewing(
-        "stream", "circle", "--seconds", "1", "--rate", "200", "--view", "--json", str(tmp_path / "s.json")
-    ) as (
-        process,
-        url,
-    ):
+    report = tmp_path / "stream.json"
+    command = ("stream", "circle", "--seconds", "2", "--rate", "200", "--view", "--json", str(report))
+    with viewing(*command) as (process, url):
         with page_of(url) as page:
-            periods = [page.frame()["period"]]
-            for _ in page.socket:
-                page.socket.send("ack")
+            first, began = page.until(sounding)["period"], time.monotonic()
+            last = page.until(lambda message: message["period"] > first + 40_000)["period"]
+            assert (last - first) / 40_000 == pytest.approx(time.monotonic() - began, abs=0.2)
+            drain(page)
         process.communicate(timeout=PATIENCE)
         assert process.returncode == 0
-        assert periods
-    told = json.loads((tmp_path / "s.json").read_text())["stream"]
-    assert (told["accepted"], told["late"], told["underruns"]) == (200, 0, 0)
+    told = json.loads(report.read_text())["stream"]
+    assert (told["accepted"], told["late"], told["underruns"]) == (400, 0, 0)
 
 
 @pytest.mark.slow
@@ -163,6 +161,10 @@ def test_the_demo_shows_its_result_until_the_page_is_closed(tmp_path: Path) -> N
         (("view", "cube", "--listen", "256.1.1.1", "--no-browser"), 2, "256.1.1.1"),
         (("view", "cube", "--hand", "nothing:", "--no-browser"), 3, "nothing"),
         (("view", "cube", "--device", "usb:nothing", "--no-browser"), 3, "nothing"),
+        (("view", "any.frames", "--device", "usb:"), 2, "--device has no effect on a recording"),
+        (("view", "any.frames", "cube"), 2, "a recording is shown alone"),
+        (("view", "cube", "--listen", "a..b", "--no-browser"), 2, "a..b"),
+        (("view", *["cube"] * 9), 2, "at most 8"),
         (("play", "circle", "--unattended", "--view"), 2, "leave out --view"),
     ],
 )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from base64 import b64decode
+from base64 import b64decode, b64encode
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from phasewire.view.recordings import open_tape
 from .pages import page_of
 
 ARRAY = TransducerArray.grid()
+ZEROS = b64encode(bytes(640))
+LINE = b'{"time":%s,"ids":[],"positions":[],"amplitudes":[],"phase":"' + ZEROS + b'","width":"' + ZEROS + b'"}\n'
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +95,7 @@ def test_it_plays_while_it_runs_and_begins_again(tmp_path: Path) -> None:
         tape.run(view, over)
         assert len(seen) < 1000
         assert 0 < max(seen) <= tape.span[1]
-        view.settle(running=False, at=7)
+        view.settle(lambda settings: replace(settings, running=False, at=7))
         turns = iter(range(5))
         tape.run(view, lambda: next(turns, None) is None)
         assert view.settings.at == 7
@@ -106,6 +109,9 @@ def test_it_plays_while_it_runs_and_begins_again(tmp_path: Path) -> None:
         ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n[]\n'),
         ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n{"time":0,"phase":"","width":""}\n'),
         ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n' + b"[" * 10_000 + b"\n"),
+        ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n' + LINE % b"NaN"),
+        ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n' + LINE % b"1e400"),
+        ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n' + LINE % b"2" + LINE % b"1"),
         ("bad.hands", b"x\n"),
         ("bad.frames", b"x"),
     ],
@@ -115,6 +121,12 @@ def test_a_damaged_recording_is_named(tmp_path: Path, name: str, content: bytes)
     path.write_bytes(content)
     with pytest.raises(InputFileError, match=name), open_tape(path):
         pass
+
+
+def test_a_missing_file_is_an_error_of_the_system(tmp_path: Path) -> None:
+    for name in ("none.hands", "none.touch", "none.frames"):
+        with pytest.raises(OSError, match=name), open_tape(tmp_path / name):
+            pass
 
 
 def test_an_empty_recording_is_named(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from phasewire.host.hands.sources import open_hands
 from phasewire.solver.objects.parsing import MovingObject, parse_object
 from phasewire.view import View
 from phasewire.view.hands import MouseHands, at_wall_pace
-from phasewire.view.settings import HandSetting, Settings
+from phasewire.view.settings import HandSetting, ObjectSetting, Settings
 from phasewire.view.shelf import Shelf
 from phasewire.view.studio import Studio
 from phasewire.view.tap import EXACT, rig_of
@@ -84,16 +84,16 @@ def places(frame: Message) -> NDArray[Any]:
 
 
 def test_the_page_shows_the_bits_that_the_boards_played(stage: tuple[Session, Page]) -> None:
+    """Of both halves, that which plays in the frame's period, and the last one before it."""
     running, page = stage
     frames = [page.until(sounding) for _ in range(5)]
     running.end()
     for frame in frames:
-        played = running.drives(frame["period"] - 199, frame["period"] + 1)
-        loudest = np.abs(played[[0, 99, 100, 199]]).max(axis=0)
-        assert frame["origin"] == "bits of the emulated boards"
-        shown = frame.array("amplitude") / 255
-        halves = [np.abs(drive) for drive in (played[-1], *played)]
-        assert any(np.abs(np.maximum(halves[0], other) - shown).max() < 0.003 for other in halves), loudest
+        period = frame["period"]
+        before = period // 100 * 100 - 1
+        played = np.abs(np.stack([running.drives(each, each + 1)[0] for each in (period, before)])).max(axis=0)
+        np.testing.assert_allclose(frame.array("amplitude") / 255, played, atol=0.003)
+        assert frame["source"] == "bits of the emulated boards"
 
 
 def test_a_hand_feels_the_object_at_its_points(stage: tuple[Session, Page]) -> None:
@@ -240,7 +240,7 @@ def test_a_fault_that_is_injected_is_seen_on_its_board(stage: tuple[Session, Pag
     frame = page.until(lambda message: message["boards"][1])
     assert "TEMPERATURE" in frame["boards"][1]
     assert [bool(each) for each in frame["boards"]] == [False, True, False, False, False]
-    assert dict(map(tuple, frame["line"]))["Faults"] == "TEMPERATURE"
+    assert dict(map(tuple, frame["figures"]))["Faults"] == "TEMPERATURE"
 
 
 @pytest.mark.parametrize(
@@ -284,6 +284,55 @@ def test_a_lost_device_is_said_and_play_tries_again(stage: tuple[Session, Page])
     page.until(sounding)
 
 
+def test_a_device_that_is_lost_while_it_rests_is_found_again(stage: tuple[Session, Page]) -> None:
+    _, page = stage
+    page.until(sounding)
+    page.do("stop")
+    page.until(lambda message: message["state"] == "stopped")
+    page.do("fault", fault={"name": "unplugged", "periods": 8000})
+    page.do("go")
+    assert "Play tries again" in page.notice()
+    page.until(lambda message: message["state"] == "stopped")
+    page.do("go")
+    page.until(sounding)
+
+
+def test_a_fault_that_has_passed_is_named_no_more(stage: tuple[Session, Page]) -> None:
+    _, page = stage
+    page.until(sounding)
+    page.do("fault", fault={"name": "stuck-low", "processor": 4, "bit": 1, "periods": 20_000})
+    page.until(lambda message: message["boards"][2] == "stuck-low")
+    page.do("clear-faults")
+    page.until(lambda message: not message["boards"][2])
+
+
+def test_a_stop_does_not_wait_for_an_object_that_is_prepared(
+    stage: tuple[Session, Page], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running, page = stage
+    page.until(sounding)
+    prepared = threading.Event()
+    monkeypatch.setattr(running.studio._shelf, "put", lambda _objects: prepared.wait(PATIENCE) and ())
+    for size in (0.05, 0.06, 0.07):
+        page.set(objects=[{"kind": "cube", "size": size}])
+    page.do("stop")
+    page.until(lambda message: message["state"] == "stopped" and silent(message))
+    prepared.set()
+
+
+def test_an_error_in_a_task_of_a_page_is_said(stage: tuple[Session, Page], monkeypatch: pytest.MonkeyPatch) -> None:
+    running, page = stage
+    page.until(sounding)
+
+    def fails(_objects: Any) -> Any:
+        raise RuntimeError("no such thing")
+
+    monkeypatch.setattr(running.studio._shelf, "put", fails)
+    page.set(objects=[{"kind": "cube"}])
+    assert "no such thing" in page.notice()
+    page.until(sounding)
+
+
 def test_the_past_is_exact_to_the_period(stage: tuple[Session, Page]) -> None:
     running, page = stage
     page.set(watched=[3, 200])
@@ -292,7 +341,7 @@ def test_the_past_is_exact_to_the_period(stage: tuple[Session, Page]) -> None:
     shown = []
     for at in range(frame["period"] - 3, frame["period"] + 3):
         page.set(at=at)
-        shown.append(page.until(lambda message, at=at: message["period"] == at and message["origin"] == EXACT))  # type: ignore[misc]
+        shown.append(page.until(lambda message, at=at: message["period"] == at and message["source"] == EXACT))  # type: ignore[misc]
     running.end()
     capture = running.emulator.capture()
     for past in shown:
@@ -305,9 +354,9 @@ def test_the_past_is_exact_to_the_period(stage: tuple[Session, Page]) -> None:
 def test_a_gesture_keeps_the_pace_of_the_wall_clock() -> None:
     with session("gesture:sweep") as running, page_of(running.view.url) as page:
         first, began = page.frame(), time.monotonic()
-        last = page.until(lambda message: message["period"] > first["period"] + SECOND)
+        last = page.until(lambda message: message["period"] > first["period"] + 2 * SECOND)
         passed = time.monotonic() - began
-        assert (last["period"] - first["period"]) / SECOND == pytest.approx(passed, abs=0.5)
+        assert (last["period"] - first["period"]) / SECOND == pytest.approx(passed, abs=0.1)
         page.set(hand={"x": 0.1})
         assert "only watches" in page.notice()
 
@@ -328,6 +377,13 @@ class TestShelf:
         [again] = shelf.put(shelf.settings)
         np.testing.assert_allclose(again.mesh.vertices, thing.mesh.vertices, atol=1e-6)
         assert (again.spin, again.still) == (90, False)
+
+    def test_an_object_keeps_its_motion_whatever_is_beside_it(self) -> None:
+        shelf = Shelf([("cube", parse_object("cube:turn=90")), ("cube", parse_object("cube:x=0.1,vx=0.01"))])
+        first, second = shelf.settings
+        assert [thing.spin for thing in shelf.put([second, first])] == [0, 90]
+        assert shelf.put([second])[0].velocity.tolist() == [0.01, 0, 0]
+        assert shelf.put([ObjectSetting("cube")])[0].still
 
     def test_a_file_is_chosen_by_its_name_and_scaled_by_its_longest_side(self) -> None:
         box = Mesh.of(Mesh.cube(0.1).vertices * (1, 0.5, 0.2), Mesh.cube(0.1).faces)

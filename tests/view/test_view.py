@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from phasewire import (
     Calibration,
     Circle,
@@ -24,6 +28,7 @@ from phasewire import (
 from phasewire.view import Rig, Snapshot, View
 from phasewire.view.settings import Settings
 from phasewire.view.snapshot import Waves
+from phasewire.view.view import IDLE_SECONDS
 
 from .pages import Message, Page, page_of
 
@@ -79,7 +84,7 @@ def test_what_is_given_is_what_the_page_gets(view: View, page: Page) -> None:
     np.testing.assert_allclose(frame.array("mesh0"), moved.vertices, atol=1e-6)
     assert frame["sides"] == ["left"]  # what was not given has stayed
     view.update(objects=[])
-    page.until(lambda message: page.kept["objects"]["names"] == [])
+    page.until(lambda message: page.kept["objects"]["count"] == 0)
 
 
 def test_settings_of_the_page_change_the_picture(view: View, page: Page) -> None:
@@ -129,14 +134,14 @@ def test_two_fields_are_shown_by_their_stronger_one(view: View, page: Page) -> N
 
 def test_another_method_is_shown_beside(view: View, page: Page) -> None:
     ring = Circle(0.03, 0.17).sample(0.01)
-    view.settle(compare="multiplex")
+    view.settle(lambda settings: replace(settings, compare="multiplex"))
     view.update(two_sided(ARRAY, ring))
     frame = page.until(lambda message: message["side"] is not None)
     side = frame["side"]
     assert (side["method"], side["other"]) == ("wgs", "multiplex")
-    assert frame.array(side["array"]).shape == frame.array(side["this_array"]).shape == frame.array("xy").shape
-    assert (frame.array(side["array"]) != frame.array(side["this_array"])).any()
-    np.testing.assert_array_equal(frame.array(side["this_array"]), frame.array("xy"))
+    assert frame.array("other").shape == frame.array("this").shape == frame.array("xy").shape
+    assert (frame.array("other") != frame.array("this")).any()
+    np.testing.assert_array_equal(frame.array("this"), frame.array("xy"))
     other = two_sided(ARRAY, ring, method="multiplex").drives
     mean = np.max([np.abs(pressure(ARRAY, drive, ring.positions)) for drive in other], axis=0).mean()
     shown = {label: that for label, _, that in side["numbers"]}["Mean at the points"]
@@ -182,8 +187,10 @@ def test_an_array_of_any_size_and_form_can_be_seen() -> None:
         assert frame.array("phase").tolist()[:3] == [0, 64, 128]
 
 
-def test_a_plane_that_is_too_close_is_turned_off_and_said() -> None:
-    with View(ARRAY.rotated(90, (1, 0, 0)), settings=Settings(xy_at=0.03)) as view, page_of(view.url) as page:
+@pytest.mark.parametrize("compare", [None, "multiplex"])
+def test_a_plane_that_is_too_close_is_turned_off_and_said(compare: str | None) -> None:
+    close = Settings(xy_at=0.03, compare=compare)
+    with View(ARRAY.rotated(90, (1, 0, 0)), settings=close) as view, page_of(view.url) as page:
         assert page.frame()["planes"] == []
         assert not view.settings.xy
 
@@ -215,8 +222,60 @@ def test_it_ends_with_pages_open_and_twice(view: View, page: Page) -> None:
 
 
 def test_without_a_page_nothing_is_painted(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
-    painted: list[Any] = []
-    monkeypatch.setattr(view, "_frame", painted.append)
-    for number in range(20):
+    painted = threading.Event()
+    real = view._frame
+
+    def frame() -> bytes:
+        painted.set()
+        return real()
+
+    monkeypatch.setattr(view, "_frame", frame)
+    view.show(Snapshot(np.zeros((1, 320))))
+    assert not painted.wait(3 * IDLE_SECONDS)
+    with page_of(view.url) as page:
+        page.frame()
+    assert painted.is_set()
+
+
+def test_an_error_of_painting_is_said_once_and_the_next_frame_comes(
+    view: View, page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page.frame()
+    real = view._comparison.drives
+    monkeypatch.setattr(view._comparison, "drives", lambda *_: 1 / 0)
+    for number in range(3):
         view.show(Snapshot(np.zeros((1, 320)), period=number))
-    assert not painted
+    assert "division by zero" in page.notice()
+    monkeypatch.setattr(view._comparison, "drives", real)
+    view.show(Snapshot(np.zeros((1, 320)), period=7))
+    page.until(lambda message: message["period"] == 7)
+    assert len(page.notices) == 1
+
+
+def test_many_notices_at_once_arrive_in_order(view: View, page: Page) -> None:
+    page.frame()
+    for number in range(50):
+        view.say(str(number))
+    while len(page.notices) < 50:
+        page.receive()
+    assert page.notices == [str(number) for number in range(50)]
+
+
+@given(number=st.sampled_from([10**400, -(10**400), "1e999", float("nan")]))
+def test_a_number_beyond_all_bounds_is_refused_and_the_page_stays(number: Any) -> None:
+    with View(ARRAY) as view, page_of(view.url) as page:
+        page.socket.send(f'{{"set": {{"xy_at": {number if not isinstance(number, float) else "NaN"}}}}}')
+        assert "xy_at" in page.notice()
+        assert page.frame()["planes"]
+
+
+def test_a_calibrated_array_emits_what_its_transducers_do() -> None:
+    """Half of them are reversed; pulses that are corrected for it make the focus all the same."""
+    polarity = np.where(np.arange(320) % 2, -1, 1)
+    calibration = Calibration(np.ones(320), np.zeros(320), polarity, np.zeros(320))
+    focus = (0.02, 0.0, 0.17)
+    drive = solve(ARRAY, ControlPoints([focus])).drive
+    with View(Rig(ARRAY, calibration=calibration), settings=Settings(probe=focus)) as view, page_of(view.url) as other:
+        view.update(calibration.apply(drive))
+        frame = other.until(lambda message: message.array("amplitude").any())
+        assert frame["probe"]["pascals"] == pytest.approx([abs(pressure(ARRAY, drive, [focus])[0])], rel=1e-3)

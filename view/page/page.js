@@ -7,10 +7,11 @@ const SEND_MS = 1000 / 60, RECONNECT_MS = 1000, KEEP_OURS_MS = 700, NOTICE_MS = 
 const MOST_WATCHED = 8, WAVE_HEIGHT = 26, BAR = { width: 12, height: 160, top: 62, wide: 156, narrow: 92 };
 const UNITS = { mm: 1000, "%": 100 };
 const NEW_OBJECT = { x: 0, y: 0, z: 0.17, size: 0.08, rotation: 0 };
-const LOST = "Connection lost: the outputs are turned off unless the command said otherwise";
+const LOST = "Connection lost";
+const OFF = ": the outputs are turned off when no page is open, unless the command said --unwatched";
 const NEEDED = {
   setup: ["device", "controls", "methods", "quantities", "object_kinds", "faults", "limits"], settings: ["values"],
-  objects: ["names"], frame: ["seconds", "state", "sides", "planes", "scale", "boards", "line"], notice: ["text"],
+  objects: ["count"], frame: ["seconds", "state", "sides", "planes", "scale", "boards", "figures"], notice: ["text"],
 };
 const ARRAYS = { u1: Uint8Array, u4: Uint32Array, f4: Float32Array };
 
@@ -101,7 +102,7 @@ function connect() {
   };
   socket.onmessage = ({ data }) => receive(data);
   socket.onclose = () => {
-    say(byId("lost"), opened ? LOST : "No connection: open the URL that the program printed");
+    say(byId("lost"), opened ? LOST + (has("stop") ? OFF : "") : "No connection: open the URL that the program printed");
     showState("lost");
     setTimeout(connect, RECONNECT_MS);
   };
@@ -242,7 +243,7 @@ function showSetup(setup) {
   say(byId("device"), setup.device);
   all("[data-group]").forEach((part) => { part.hidden = !has(part.dataset.group); });
   byId("stop").hidden = !has("stop");
-  byId("running").hidden = has("stop");
+  byId("running").hidden = !has("recording");
   byId("picked").max = setup.arrays.positions.shape[0] - 1;
   setOptions(byId("quantity"), setup.quantities.map(({ name }) => name), setup.quantities.map(({ label }) => label));
   setOptions(byId("method"), setup.methods);
@@ -392,8 +393,8 @@ function showFresh() {
 
 function showFrame(frame) {
   showState(frame.state, frame.live);
-  say(byId("origin"), frame.origin);
-  showPairs(byId("line"), frame.line);
+  say(byId("source"), frame.source);
+  showPairs(byId("figures"), frame.figures);
   showPairs(byId("pick"), frame.pick?.lines ?? []);
   showTime(frame);
   showProbe(frame.probe);
@@ -481,7 +482,7 @@ function showWaves({ waves, arrays }) {
   const canvas = byId("waves");
   canvas.hidden = !waves?.names.length;
   if (canvas.hidden || !byId("waves-panel").open) return;
-  const values = arrays[waves.array], [ticks, outputs] = values.shape;
+  const values = arrays.waves, [ticks, outputs] = values.shape;
   const width = canvas.clientWidth, height = outputs * WAVE_HEIGHT + 30;
   const context = prepare(canvas, width, height);
   const left = 8 + Math.max(...waves.names.map((name) => context.measureText(name).width));
@@ -522,12 +523,12 @@ function showSide({ side, scale, arrays }) {
   byId("side").hidden = !side;
   if (!side) return;
   const map = scale.cyclic ? maps.cyclic : maps.sequential;
-  const pictures = [["this", side.method, side.this_array], ["other", side.other, side.array]];
-  pictures.forEach(([which, method, array]) => {
+  const pictures = [["this", side.method], ["other", side.other]];
+  pictures.forEach(([which, method]) => {
     const canvas = byId(`${which}-plane`);
     say(byId(`${which}-name`), method);
     canvas.ariaLabel = `${scale.label} by ${method}, from above`;
-    drawPlane(canvas, arrays[array], map);
+    drawPlane(canvas, arrays[which], map);
   });
   showTable(byId("side-numbers"), [["", side.method, side.other], ...side.numbers]);
 }

@@ -429,9 +429,9 @@ export class Scene {
     if (this.fitted) this.look(this.view);
   }
 
-  setObjects({ names, arrays }) {
+  setObjects({ count, arrays }) {
     const old = this.solids;
-    this.solids = names.map((_, k) => {
+    this.solids = Array.from({ length: count }, (_, k) => {
       const vertices = arrays[`vertices${k}`], faces = arrays[`faces${k}`];
       if (!old[k]?.has(faces)) return new Solid(this.scene, vertices, faces);
       old[k].move(vertices);
@@ -501,7 +501,7 @@ export class Scene {
     for (const plane of planes) {
       if (!this.planes.has(plane.name)) this.planes.set(plane.name, new Plane(this.scene, this.colours.axis));
       const shownPlane = this.planes.get(plane.name);
-      shownPlane.show(plane, arrays[plane.array], map);
+      shownPlane.show(plane, arrays[plane.name], map);
       shownPlane.mesh.visible = true;
     }
   }
