@@ -92,6 +92,29 @@ def test_what_a_resting_hand_touches_is_played_in_turn_as_the_solver_has_it() ->
     assert report.latency.count == 31
 
 
+def test_gains_scale_each_transducer_and_0_silences_it() -> None:
+    gains = np.linspace(0, 1, 320, dtype=np.float32)
+    loudness = []
+    for scaled in (np.ones(320, np.float32), gains):
+        with Emulator() as emulator, open_device(emulator.url) as device:
+            loop = loop_of(device, source(device.time, 100, 0.3, still))
+            assert loop.half_periods == 100
+            loop.set_gains(scaled)
+            loop.run()
+            last = last_sound(emulator) - 2000
+            loudness.append(np.abs(emulator.capture().drives(last - 200, last)).max(axis=0))
+    assert np.abs(loudness[1] - gains * loudness[0]).max() < np.sin(np.pi / 50)  # both are whole ticks: half a step each
+    assert loudness[1][0] == 0
+
+
+@pytest.mark.parametrize("gains", [np.ones(319), np.full(320, 1.01), np.full(320, -0.01), np.full(320, np.nan)])
+def test_gains_out_of_range_are_refused(gains: NDArray[np.float64]) -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        loop = loop_of(device, source(device.time, 100, 0.1, still))
+        with pytest.raises(ValueError, match="320 numbers from 0 to 1"):
+            loop.set_gains(gains.astype(np.float32))
+
+
 @pytest.mark.parametrize("ramp", [0.0, 0.01, 0.02, MOST_RAMP_SECONDS])
 @pytest.mark.parametrize("rate", [60, 1000])
 def test_contact_and_release_are_ramps_and_silence_comes_in_time(ramp: float, rate: int) -> None:
