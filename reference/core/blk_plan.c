@@ -2,7 +2,12 @@
 
    The controller works once a period, at its beginning. A change for period P takes effect everywhere if its slices
    leave in the period P - 2 and its commits, or its programs, in P - 1: no earlier than the table before it has begun
-   to play (CHN-007), and early enough to be rasterised (BUD-003). No two changes have the same period (BLK-007). */
+   to play (CHN-007), and early enough to be rasterised (BUD-003). No two changes have the same period (BLK-007).
+
+   With two wires ten slices take longer than a period, and ten programs so long that a period is not enough for them and
+   for rasterising under a modulation. So programs leave in P - 2, and a change follows the one before by two periods; an
+   update may follow programs by one (BLK-007). Silence may need slices, commits and programs: its slices leave in P - 3,
+   the rest in P - 2, and it follows the change before by three periods. */
 #include "device_parts.h"
 
 #include <string.h>
@@ -11,8 +16,6 @@
 #define SLICE_TOKENS 52u
 #define COMMIT_TOKENS 16u
 #define PROGRAM_TOKENS 25u
-/* Loads that leave in any period, however full it is: after slices, commits and programs of ten each. */
-#define LEAST_LOADS 5u
 
 struct pw_change *pw_change_at(struct pw_device *self, uint32_t index)
 {
@@ -53,22 +56,73 @@ bool pw_device_has_room(const struct pw_device *self)
     return pw_free_places(self) != 0u;
 }
 
-uint64_t pw_first_period(const struct pw_device *self, bool after_stores)
+bool pw_has_slices(uint8_t kind, uint8_t action)
+{
+    return kind == PW_UPDATE || (kind == PW_OUTPUT && action != PW_END_MODULATION);
+}
+
+/* Periods from the first message of a change to its effect. */
+static uint32_t lead(uint8_t kind, uint8_t action)
+{
+    return PW_TWO_WIRES && kind == PW_OUTPUT && pw_has_slices(kind, action) ? 3u : 2u;
+}
+
+/* Periods from the commits or programs of a change to its effect. */
+static uint32_t commit_lead(uint8_t kind)
+{
+    return PW_TWO_WIRES && kind != PW_UPDATE ? 2u : 1u;
+}
+
+/* Tokens of a change that leave in a period, at most: whether silence has programs shows when it leaves. */
+static uint32_t tokens_in(const struct pw_change *change, uint64_t period)
+{
+    const uint64_t left = change->period - period;
+    const bool slices = pw_has_slices(change->kind, change->action);
+    uint32_t tokens = slices && left == lead(change->kind, change->action) ? PW_PROCESSORS * SLICE_TOKENS : 0u;
+    if (left == commit_lead(change->kind)) {
+        tokens += slices ? PW_PROCESSORS * COMMIT_TOKENS : 0u;
+        tokens += change->kind != PW_UPDATE ? PW_PROCESSORS * PROGRAM_TOKENS : 0u;
+    }
+    return tokens;
+}
+
+/* The period by which some loads have left, if they begin in the next: as pw_work_on_period sends them, beside what is
+   queued and a question in every period. */
+static uint64_t last_load_period(const struct pw_device *self, uint32_t loads)
+{
+    uint64_t period = pw_period_now(self);
+    uint32_t tokens = self->tokens_over;
+    for (uint32_t left = loads; left != 0u;) {
+        period++;
+        for (uint32_t i = 0; i < self->change_count; i++) {
+            tokens += tokens_in(change_at(self, i), period);
+        }
+        tokens += PW_COLLECT_TOKENS;
+        while (left != 0u && tokens + PW_LOAD_TOKENS <= PW_TOKENS_PER_PERIOD) {
+            tokens += PW_LOAD_TOKENS;
+            left--;
+        }
+        tokens = tokens < PW_TOKENS_PER_PERIOD ? 0u : tokens - PW_TOKENS_PER_PERIOD;
+    }
+    return period;
+}
+
+uint64_t pw_first_period(const struct pw_device *self, uint8_t kind, uint8_t action)
 {
     const uint64_t sorted = (self->now + PW_SORT_TICKS + PW_TICKS - 1u) / PW_TICKS;
-    uint64_t first = sorted + 2u;
+    uint64_t first = sorted + lead(kind, action);
+    const bool after_stores = kind == PW_SEQUENCE || kind == PW_MODULATION;
     const uint32_t loads = after_stores ? pw_loads_left(self) : 0u;
     if (loads != 0u) {
-        /* The programs follow the last load (CHN-019), which has left in this period at the latest. */
-        const uint64_t last_load = pw_period_now(self) + (loads + LEAST_LOADS - 1u) / LEAST_LOADS;
-        if (first < last_load + 2u) {
-            first = last_load + 2u;
-        }
+        /* The programs follow the last load (CHN-019). */
+        const uint64_t period = last_load_period(self, loads) + 1u + commit_lead(kind);
+        first = first < period ? period : first;
     }
-    if (first <= self->last_period) {
-        first = self->last_period + 1u;
+    uint64_t next = self->last_period + 1u;
+    if (PW_TWO_WIRES && !(self->last_program && kind == PW_UPDATE)) {
+        next = self->last_period + lead(kind, action);
     }
-    return first;
+    return first < next ? next : first;
 }
 
 uint64_t pw_period_due(const struct pw_device *self)
@@ -78,10 +132,12 @@ uint64_t pw_period_due(const struct pw_device *self)
     if (self->sequence_ends < period) {
         period = self->sequence_ends;
     }
-    if (self->change_count != 0u && change_at(self, 0)->period - 2u < period) {
-        period = change_at(self, 0)->period - 2u;
+    if (self->change_count != 0u) {
+        const struct pw_change *change = change_at(self, 0);
+        const uint64_t begins = change->period - lead(change->kind, change->action);
+        period = begins < period ? begins : period;
     }
-    if (self->store_count != 0u) {
+    if (self->store_count != 0u || pw_asks_for_playing(self)) {
         period = next;
     }
     return period < next ? next : period;
@@ -163,12 +219,6 @@ static void effects(struct pw_device *self, uint64_t period)
 
 /* Going onto the chain ----------------------------------------------------------------------------------------- */
 
-/* Whether a change travels as slices and commits; the others are programs (CHN-029). */
-static bool has_slices(const struct pw_change *change)
-{
-    return change->kind == PW_UPDATE || (change->kind == PW_OUTPUT && change->action != PW_END_MODULATION);
-}
-
 static uint32_t send_slices(struct pw_device *self, struct pw_change *change)
 {
     uint8_t message[PW_MESSAGE];
@@ -211,10 +261,10 @@ static struct pw_program program_of(const struct pw_change *change)
     return program;
 }
 
-/* Send the commits or programs of a change that takes effect in the next period. */
+/* Send the commits or programs of a change. */
 static uint32_t commit(struct pw_device *self, struct pw_change *change)
 {
-    uint32_t tokens = has_slices(change) ? send_commits(self, change) : 0u;
+    uint32_t tokens = pw_has_slices(change->kind, change->action) ? send_commits(self, change) : 0u;
     if (change->kind == PW_OUTPUT) {
         /* A modulation ends with what it modulates; it plays or waits if its program was sent. */
         self->stops_sent = self->modulation_sent;
@@ -244,16 +294,23 @@ void pw_work_on_period(struct pw_device *self, uint64_t period)
         self->sync_pulses++;
     }
     effects(self, period);
-    uint32_t tokens = 0;
+    uint32_t tokens = self->tokens_over;
     for (uint32_t i = 0; i < self->change_count && i < 2u; i++) {
         struct pw_change *change = pw_change_at(self, i);
-        if (change->period == period + 1u) {
+        const uint64_t left = change->period - period;
+        if (left == commit_lead(change->kind)) {
             tokens += commit(self, change);
-        } else if (change->period == period + 2u && has_slices(change)) {
+        } else if (left == lead(change->kind, change->action) && pw_has_slices(change->kind, change->action)) {
             tokens += send_slices(self, change);
         } else {
             /* It is not time yet. */
         }
     }
-    pw_send_loads(self, PW_TOKENS_PER_PERIOD - tokens);
+    if (tokens + PW_COLLECT_TOKENS <= PW_TOKENS_PER_PERIOD) {
+        /* A question is not held up by stores without end. */
+        tokens += pw_ask_for_playing(self, PW_COLLECT_TOKENS);
+        tokens += pw_send_loads(self, PW_TOKENS_PER_PERIOD - tokens);
+        tokens += pw_ask_for_playing(self, PW_TOKENS_PER_PERIOD - tokens);
+    }
+    self->tokens_over = tokens < PW_TOKENS_PER_PERIOD ? 0u : tokens - PW_TOKENS_PER_PERIOD;
 }

@@ -4,7 +4,6 @@
 
 #include <string.h>
 
-#define LOAD_TOKENS 60u
 #define ENTRIES_PER_LOAD 12u
 #define SAMPLES_PER_LOAD 48u
 
@@ -206,10 +205,11 @@ uint32_t pw_loads_left(const struct pw_device *self)
     return loads;
 }
 
-void pw_send_loads(struct pw_device *self, uint32_t tokens)
+uint32_t pw_send_loads(struct pw_device *self, uint32_t tokens)
 {
     uint8_t message[PW_MESSAGE];
-    for (uint32_t left = tokens; left >= LOAD_TOKENS && self->store_count != 0u; left -= LOAD_TOKENS) {
+    uint32_t left = tokens;
+    for (; left >= PW_LOAD_TOKENS && self->store_count != 0u; left -= PW_LOAD_TOKENS) {
         struct pw_store *store = &self->stores[self->first_store];
         struct pw_load load;
         const uint16_t node = load_of(store, &load);
@@ -220,4 +220,5 @@ void pw_send_loads(struct pw_device *self, uint32_t tokens)
             self->store_count--;
         }
     }
+    return tokens - left;
 }

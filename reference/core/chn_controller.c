@@ -115,22 +115,38 @@ static void ask(struct pw_device *self, uint8_t node)
     pw_send(self, message, pw_collect_put(message, node, PW_END_REPORT));
 }
 
-static void ask_for_playing(struct pw_device *self)
+bool pw_asks_for_playing(const struct pw_device *self)
 {
-    self->reading_came = 0;
-    self->reading_until = self->now + READ_TICKS;
+    return self->reading && self->reading_until != PW_NEVER && self->reading_next < PW_PROCESSORS;
+}
+
+uint32_t pw_ask_for_playing(struct pw_device *self, uint32_t tokens)
+{
     uint8_t message[PW_MESSAGE];
-    for (uint16_t node = 0; node < PW_PROCESSORS; node++) {
+    uint32_t left = tokens;
+    for (; pw_asks_for_playing(self) && left >= PW_COLLECT_TOKENS; self->reading_next++) {
+        const uint8_t node = self->reading_next;
         if (!self->processors[node].there) {
             memset(&self->read[node], 0, sizeof self->read[node]);
             self->reading_came |= (uint16_t)(1u << node);
         } else if (self->now >= self->processors[node].asked_again) {
             pw_send(self, message, pw_collect_put(message, node, PW_END_PLAYING));
+            self->reading_until = self->now + READ_TICKS;
+            left -= PW_COLLECT_TOKENS;
         } else {
             /* It has to fall silent by itself, for which it must not be asked anything (CHN-030). */
         }
     }
     pw_note_broken(self);
+    return tokens - left;
+}
+
+/* The questions leave beside the changes, from the next period on (CHN-019). */
+static void begin_to_ask(struct pw_device *self)
+{
+    self->reading_came = 0;
+    self->reading_next = 0;
+    self->reading_until = self->now + READ_TICKS;
 }
 
 void pw_work_on_chain(struct pw_device *self)
@@ -144,7 +160,7 @@ void pw_work_on_chain(struct pw_device *self)
     if (self->reading && self->reading_until <= self->now) {
         if (self->reading_attempt < ATTEMPTS) {
             self->reading_attempt++;
-            ask_for_playing(self);
+            begin_to_ask(self);
         } else {
             self->reading_until = PW_NEVER; /* the door fetches what there is */
         }
@@ -225,7 +241,7 @@ static void playing(struct pw_device *self, const struct pw_playing *came)
     self->reading_until = PW_NEVER;
     if (!same_since(self) && self->reading_attempt < ATTEMPTS) {
         self->reading_attempt++;
-        ask_for_playing(self);
+        begin_to_ask(self);
     }
 }
 
@@ -259,7 +275,7 @@ void pw_begin_reading(struct pw_device *self, uint8_t door, uint16_t length)
     self->reading_length = length;
     self->reading_attempt = 1;
     memset(self->read, 0, sizeof self->read);
-    ask_for_playing(self);
+    begin_to_ask(self);
 }
 
 enum pw_answer pw_device_answer(struct pw_device *self, uint8_t door, uint8_t *answer, uint16_t *answer_size)

@@ -45,8 +45,9 @@
 #ifndef PW_TOKENS_PER_PERIOD
 #define PW_TOKENS_PER_PERIOD 1250u /* of the first link: BUD-002; 500 on two wires */
 #endif
+#define PW_TWO_WIRES (PW_TOKENS_PER_PERIOD < 1250u) /* an update does not fit into one period */
 #ifndef PW_PERIODS_PER_UPDATE
-#define PW_PERIODS_PER_UPDATE 1u  /* BLK-023 */
+#define PW_PERIODS_PER_UPDATE (PW_TWO_WIRES ? 2u : 1u) /* BLK-023 */
 #endif
 #ifndef PW_WATCHDOG_MS
 #define PW_WATCHDOG_MS 100u       /* SAF-003 */
@@ -56,6 +57,17 @@
 #endif
 #ifndef PW_FEATURES
 #define PW_FEATURES 0x7Fu         /* VER-005 */
+#endif
+
+/* What the plan of the queue (blk_plan.c) cannot hold. */
+#if PW_TOKENS_PER_PERIOD < 500u
+#error "PW_TOKENS_PER_PERIOD must be at least 500: ten slices and ten commits take 680 tokens, and two periods at most"
+#endif
+#if PW_PERIODS_PER_UPDATE < (PW_TWO_WIRES ? 2u : 1u)
+#error "PW_PERIODS_PER_UPDATE must be at least 1, and at least 2 if PW_TOKENS_PER_PERIOD is below 1250 (two wires)"
+#endif
+#if PW_SORT_TICKS > PW_TICKS
+#error "PW_SORT_TICKS must be at most 50: a change for the fifth period after its arrival must be in time (BLK-005)"
 #endif
 
 #endif

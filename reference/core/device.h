@@ -124,6 +124,7 @@ struct pw_device {
     struct pw_change changes[PW_CHANGES];
     uint32_t first_change, change_count;
     uint64_t last_period; /* of the last accepted change, or of the last silence */
+    bool last_program;    /* whether it has programs alone */
     bool rated;           /* an UPDATE named a period since ENABLE: BLK-023 */
     uint64_t rated_period;
     /* What plays. */
@@ -141,6 +142,7 @@ struct pw_device {
     /* The chain. */
     bool modulation_sent; /* a modulation plays or waits there */
     bool stops_sent;      /* the last silence had programs that stop one */
+    uint32_t tokens_over; /* of the last period with work, that leave in the next */
     uint32_t commits;     /* that each processor was sent */
     struct pw_processor_state processors[PW_PROCESSORS];
     uint64_t collect_at; /* tick */
@@ -148,6 +150,7 @@ struct pw_device {
     /* One PULSES request at a time. */
     bool reading;
     uint8_t reading_door, reading_attempt;
+    uint8_t reading_next; /* the processor to ask next */
     uint16_t reading_length, reading_came; /* processors that have answered, as bits */
     uint64_t reading_period, reading_until; /* the period of the last answer; the tick at which an attempt ends */
     struct pw_playing read[PW_PROCESSORS];

@@ -24,8 +24,10 @@ void pw_clear_faults(struct pw_device *self, uint8_t door);
 uint64_t pw_watchdog_due(const struct pw_device *self);
 
 /* blk_plan.c: the queue of changes, and what goes onto the chain when */
+/* Whether a change travels as slices and commits; the others are programs (CHN-029). */
+bool pw_has_slices(uint8_t kind, uint8_t action);
 /* The first period at which a change that is judged now can take effect; it waits for the stores if it uses them. */
-uint64_t pw_first_period(const struct pw_device *self, bool after_stores);
+uint64_t pw_first_period(const struct pw_device *self, uint8_t kind, uint8_t action);
 struct pw_change *pw_change_at(struct pw_device *self, uint32_t index);
 /* A place behind the last change; there is room. */
 struct pw_change *pw_change_add(struct pw_device *self);
@@ -46,8 +48,9 @@ void pw_end_uses(struct pw_device *self, bool sequences, bool modulations, uint6
 uint64_t pw_sequence_end(const struct pw_device *self, const struct pw_block *block, uint64_t period);
 /* Loads that have not left. */
 uint32_t pw_loads_left(const struct pw_device *self);
-/* Send as many loads as `tokens` allow. */
-void pw_send_loads(struct pw_device *self, uint32_t tokens);
+#define PW_LOAD_TOKENS 60u /* BUD-002 */
+/* Send as many loads as `tokens` allow; returns the tokens that they take. */
+uint32_t pw_send_loads(struct pw_device *self, uint32_t tokens);
 
 /* chn_controller.c: numbering, questions, answers */
 void pw_number_chain(struct pw_device *self, uint64_t tick_of_port);
@@ -59,6 +62,11 @@ uint64_t pw_chain_due(const struct pw_device *self);
 void pw_work_on_chain(struct pw_device *self);
 /* Read what plays from all processors (REQ-007). */
 void pw_begin_reading(struct pw_device *self, uint8_t door, uint16_t length);
+#define PW_COLLECT_TOKENS 9u /* BUD-002 */
+/* Whether a question of that is still to be sent. */
+bool pw_asks_for_playing(const struct pw_device *self);
+/* Send as many of them as `tokens` allow; returns the tokens that they take. */
+uint32_t pw_ask_for_playing(struct pw_device *self, uint32_t tokens);
 bool pw_all_there(const struct pw_device *self);
 
 #endif

@@ -45,8 +45,7 @@ static enum pw_reason judge(const struct pw_device *self, const struct pw_block 
 /* Queue a change; returns the period at which it takes effect. */
 static uint64_t queue(struct pw_device *self, const struct pw_block *block, uint8_t door)
 {
-    const bool after_stores = block->kind == PW_SEQUENCE || block->kind == PW_MODULATION;
-    const uint64_t first = pw_first_period(self, after_stores);
+    const uint64_t first = pw_first_period(self, block->kind, block->action);
     const uint64_t period = block->period > first ? block->period : first;
     struct pw_change *change = pw_change_add(self);
     change->period = period;
@@ -66,6 +65,7 @@ static uint64_t queue(struct pw_device *self, const struct pw_block *block, uint
     }
     pw_note_uses(self, block, period, change->ends);
     self->last_period = period;
+    self->last_program = !pw_has_slices(block->kind, block->action);
     return period;
 }
 

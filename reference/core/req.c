@@ -37,7 +37,7 @@ static void put_info(const struct pw_device *self, uint8_t *to)
     to[28] = PW_PROCESSORS / PW_BOARDS;
     to[29] = PW_TICKS;
     to[30] = PW_WIDTHS - 1u;
-    to[31] = PW_TOKENS_PER_PERIOD < 1250u ? 2u : 5u;
+    to[31] = PW_TWO_WIRES ? 2u : 5u;
     to[32] = 2; /* core cycles per symbol, at best: BUD-002 */
     to[33] = PW_QUEUE_CHANGES;
     pw_put16(to + 34, PW_PERIODS_PER_UPDATE);

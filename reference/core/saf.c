@@ -118,12 +118,13 @@ void pw_silence(struct pw_device *self, bool again)
     self->modulates = false;
     self->since_period = 0;
     self->sequence_ends = PW_NEVER;
+    self->last_program = false;
     uint64_t period = committed;
     if (silent && !again) {
         period = pw_period_now(self); /* nothing plays or is on its way */
     } else if (!ordered) {
         self->last_period = committed; /* what was dropped delays nothing */
-        period = pw_first_period(self, false);
+        period = pw_first_period(self, PW_OUTPUT, PW_DISABLE);
         struct pw_change *silence = pw_change_add(self);
         silence->kind = PW_OUTPUT;
         silence->action = PW_DISABLE;

@@ -80,6 +80,7 @@ void pw_device_poll(struct pw_device *self)
         pw_note_broken(self);
     }
     self->now = target;
+    self->worked = pw_period_now(self); /* nothing was due in the periods that were left out */
 }
 
 uint64_t pw_device_tick(struct pw_device *self)

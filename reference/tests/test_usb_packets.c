@@ -190,7 +190,7 @@ static void test_nak_for_the_queue(void)
     check_case = "NAK while the queue has no room";
     begin_configured(true);
     CHECK_EQ(ask(PW_REQ_ENABLE, 0), 0);
-    while (sent < 1000u && send_block(PW_UPDATE, FAR + sent) == 0) {
+    while (sent < 1000u && send_block(PW_UPDATE, FAR + sent * PW_PERIODS_PER_UPDATE) == 0) {
         sent++;
         (void)drain(&last);
         CHECK_EQ(last, PW_ACCEPTED);
