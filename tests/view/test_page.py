@@ -11,8 +11,10 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,10 +23,11 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire import ControlPoints, TransducerArray, Wiring, pressure, solve
+from phasewire import ControlPoints, Pulses, TransducerArray, Wiring, pressure, record, solve
 from phasewire.errors import PhasewireError
 from phasewire.view import Rig, Snapshot, View
 from phasewire.view.browser import saved_from
+from phasewire.view.recordings import open_tape
 from phasewire.view.settings import Settings
 
 from .pages import page_of
@@ -242,7 +245,8 @@ def test_a_focus_is_drawn_where_it_is(still: tuple[View, Window], camera: str, p
         window.check(f"{name} plane", on=name == plane)
     _, sequential = maps(window)
     for number, focus in enumerate(((0.05, 0.03, 0.19), (-0.06, 0.03, 0.19), (-0.06, -0.04, 0.14)), 1):
-        view.settle(xy_at=focus[2], xz_at=focus[1], yz_at=focus[0])
+        at = dict(zip(("yz_at", "xz_at", "xy_at"), focus, strict=True))
+        view.settle(partial(replace, **at))
         view.show(Snapshot(solve(ARRAY, ControlPoints([focus])).drive[None], number))
         window.shows(number)
         picture = window.pixels().astype(int)
@@ -377,10 +381,10 @@ def test_every_slider_sets_what_it_says(stage: tuple[Session, Window]) -> None:
             return float(found)
 
         window.until(lambda seen, wanted=wanted: abs(setting(seen) - wanted) < 1e-6)  # type: ignore[misc]
-    studio = running.studio.settings
+    until(lambda: np.allclose(running.studio._objects[0].mesh.centre, (0.025, -0.015, 0.18)))
+    studio = running.studio._settings
     assert (studio.amplitude, studio.frequency, studio.spacing) == (0.3, 100, 0.008)
     mesh = running.studio._objects[0].mesh
-    np.testing.assert_allclose(mesh.centre, (0.025, -0.015, 0.18), atol=1e-6)
     corners = mesh.vertices - mesh.centre
     assert np.ptp(corners, axis=0)[2] == pytest.approx(0.06)
 
@@ -437,7 +441,7 @@ def test_a_click_on_a_transducer_tells_its_place_and_silences_it(stage: tuple[Se
     window.draws_on()
     window.tab.mouse.click(*window.where(ARRAY.positions[number]))
     seen = window.until(lambda seen: (seen["frame"]["pick"] or {}).get("transducer") == number)
-    channel = int(running.emulator.capture().wiring.channels[number])
+    channel = int(Wiring.strips().channels[number])
     told = dict(map(tuple, seen["frame"]["pick"]["lines"]))
     assert [int(told[name]) for name in ("Board", "Processor", "Bit")] == [
         channel // 64,
@@ -505,6 +509,31 @@ def test_a_fault_is_injected_and_seen(stage: tuple[Session, Window]) -> None:
 
 def is_at(period: int, seen: dict[str, Any]) -> bool:
     return bool(seen["frame"]["period"] == period and not seen["frame"]["live"])
+
+
+def test_a_recording_is_paused_and_stepped_through(browser: Browser, tmp_path: Path) -> None:
+    frames = [Pulses(np.full(320, 10), np.full(320, width)) for width in range(1, 26)]
+    record(tmp_path / "widths.frames", frames, 10.0)
+    with open_tape(tmp_path / "widths.frames") as tape, View(tape.rig, tape=tape, settings=tape.settings) as view:
+        over = threading.Event()
+        playing = threading.Thread(target=tape.run, args=(view, over.is_set))
+        playing.start()
+        tab = browser.new_page(viewport=SIZE)
+        window = Window(tab, view.url)
+        window.until(lambda seen: seen["frame"]["period"] > 4000)
+        window.press("Pause")
+        window.until(lambda seen: not seen["settings"]["running"])
+        at = window.seen()["settings"]["at"]
+        window.press("+10 ms")
+        window.until(partial(is_at, at + 400))
+        window.slide("Moment", 40_000)
+        window.until(partial(is_at, 40_000))
+        tab.get_by_role("button", name="Play", exact=True).click()
+        window.until(lambda seen: seen["frame"]["period"] > 42_000)
+        over.set()
+        playing.join()
+        tab.close()
+        assert window.wrong == []
 
 
 # Whoever uses it

@@ -103,7 +103,9 @@ def test_gains_scale_each_transducer_and_0_silences_it() -> None:
             loop.run()
             last = last_sound(emulator) - 2000
             loudness.append(np.abs(emulator.capture().drives(last - 200, last)).max(axis=0))
-    assert np.abs(loudness[1] - gains * loudness[0]).max() < np.sin(np.pi / 50)  # both are whole ticks: half a step each
+    assert np.abs(loudness[1] - gains * loudness[0]).max() < np.sin(
+        np.pi / 50
+    )  # both are whole ticks: half a step each
     assert loudness[1][0] == 0
 
 
