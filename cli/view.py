@@ -30,10 +30,10 @@ from .touch import read_objects, warn_of_notes
 from .viewing import opened_page, viewed_device
 
 with loading():
-    from ..view.browser import START_SECONDS, saved_from, suffix_of
+    from ..view.browser import VIDEO_SUFFIX, saved_from, suffix_of
     from ..view.hands import MouseHands, at_wall_pace
     from ..view.recordings import TAPES, open_tape
-    from ..view.server import LOOPBACK
+    from ..view.server import LOOPBACK, is_loopback
     from ..view.settings import HandSetting, Settings
     from ..view.shelf import Shelf
     from ..view.studio import Studio
@@ -45,7 +45,7 @@ __all__ = ["commands"]
 commands = typer.Typer(rich_markup_mode=None)
 
 MOUSE = "mouse:"
-SAVED_SECONDS = 4.0
+SAVED_SECONDS, LEAST_VIDEO_SECONDS = 4.0, 0.2
 
 
 @commands.command(
@@ -122,9 +122,9 @@ def view(
 ) -> None:
     """Open the live page; the help above has the details."""
     check_outputs([save, json_target], [*files_of(hand), *filter(None, (pose, array, calibration))])
-    if save is not None:
-        suffix_of(save)
-    if listen != LOOPBACK:
+    if save is not None and suffix_of(save) == VIDEO_SUFFIX and seconds is not None and seconds < LEAST_VIDEO_SECONDS:
+        raise ValueError(f"--seconds {seconds:g} is too short for a video; at least {LEAST_VIDEO_SECONDS:g}")
+    if not is_loopback(listen):
         error_console().print(
             f"warning: the page listens at {listen}: whoever can reach this computer there and has the link can "
             "command the device, and the connection is not encrypted",
@@ -191,14 +191,13 @@ def _show(
     browser: bool,
 ) -> None:
     """Let the page be seen, or saved, while something runs until it is over, for so many seconds by a clock."""
-    began = time.monotonic() if save is not None else clock()
     if save is not None:
-        length = SAVED_SECONDS if seconds is None else seconds
-        with saved_from(page, save, length):
-            run(lambda: page.server.received.is_set() or time.monotonic() - began > length + START_SECONDS)
+        with saved_from(page, save, SAVED_SECONDS if seconds is None else seconds) as saved:
+            run(saved)
         error_console().print(f"Drawn to {save}")
         return
     opened_page(page, browser=browser)
+    began = clock()
     try:
         run(lambda: seconds is not None and clock() - began >= seconds)
     except KeyboardInterrupt:

@@ -6,8 +6,9 @@ import os
 import shutil
 import subprocess
 import tempfile
+import time
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from ..errors import MissingExtraError, PhasewireError
 from ..storage import replacing
 from .view import View
 
-__all__ = ["START_SECONDS", "open_page", "saved_from", "suffix_of"]
+__all__ = ["open_page", "saved_from", "suffix_of"]
 
 BROWSERS = (
     "chromium",
@@ -63,10 +64,10 @@ def suffix_of(path: Path) -> str:
 
 
 @contextmanager
-def saved_from(view: View, path: Path, seconds: float) -> Iterator[None]:
-    """While a browser without a window shows the page in this block; its picture is written at the end.
+def saved_from(view: View, path: Path, seconds: float) -> Iterator[Callable[[], bool]]:
+    """A browser without a window shows the page during this block; its picture is written at the end.
 
-    The block should end when the view's server has `received` it.
+    The block gets a function that says when it can end.
 
     Parameters
     ----------
@@ -93,8 +94,9 @@ def saved_from(view: View, path: Path, seconds: float) -> Iterator[None]:
         if hasattr(os, "geteuid") and os.geteuid() == 0:
             command.append("--no-sandbox")  # which Chromium requires of root
         browser = subprocess.Popen([*command, url], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        end = time.monotonic() + START_SECONDS + seconds
         try:
-            yield
+            yield lambda: view.server.received.is_set() or browser.poll() is not None or time.monotonic() > end
         finally:
             browser.terminate()
             with suppress(subprocess.TimeoutExpired):
@@ -102,7 +104,7 @@ def saved_from(view: View, path: Path, seconds: float) -> Iterator[None]:
             browser.kill()
             browser.wait()
     if not view.server.saved:
-        raise PhasewireError(f"{command[0]} has sent no picture of the page within {START_SECONDS + seconds:g} s")
+        raise PhasewireError(f"{command[0]} has sent no picture of the page")
     with replacing(path) as part:
         part.write_bytes(view.server.saved[-1])
 

@@ -37,6 +37,7 @@ class MouseHands(LiveHands):
 
     def __init__(self, setting: HandSetting) -> None:
         super().__init__("the hand of the page", RATE)
+        hand_at(setting)  # loads what is compiled, which a thread must not do while the program ends
         self._wanted = setting
         self._now = np.array(_numbers(setting))
         self._stop = Event()

@@ -28,6 +28,7 @@ from ..protocol.board import CARRIER_HZ
 from ..protocol.quantise import PulseFrames, check_pulses
 from ..solver import TransducerArray
 from ..solver.contact.hand import Hand
+from ..solver.geometry import FARTHEST
 from ..storage import open_plain
 from .settings import Settings
 from .snapshot import Rig, Snapshot
@@ -40,6 +41,8 @@ TAPES = (FRAMES, TOUCH, HANDS)
 MOST_MOMENTS = 100_000
 """Of a recording of touch: a quarter of an hour at 110 frames a second."""
 MOST_TIME = 1e9
+MOST_AMPLITUDE = 1e3
+"""Of a point, relative to the others."""
 MOST_LINE_BYTES = 2**20
 TICK_SECONDS = 1 / 30
 
@@ -191,7 +194,7 @@ def _read_touch(path: Path, transducers: int) -> list[tuple[float, _Played]]:
                 moment, played = _played(record, transducers)
                 if not (found[-1][0] if found else 0) <= moment <= MOST_TIME:
                     raise ValueError(f"its time is {moment:g} s; times must not decrease")
-            except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
                 raise InputFileError(f"{path}, line {number}: {error}") from error
             _check_length(path, len(found))
             found.append((moment, played))
@@ -210,7 +213,9 @@ def _played(record: dict[str, Any], transducers: int) -> tuple[float, _Played]:
     pulses = PulseFrames(phase, width)
     check_pulses(pulses)
     positions, amplitudes = np.array(record["positions"], float).reshape(-1, 3), np.array(record["amplitudes"], float)
-    points = np.column_stack([positions, amplitudes])
-    if not np.isfinite(points).all():
-        raise ValueError("its points must be finite")
-    return float(record["time"]), _Played(pulses, points, np.array(record["ids"], np.int64))
+    ids, points = np.array(record["ids"], np.int64), np.column_stack([positions, amplitudes])
+    if not (np.abs(positions) <= FARTHEST).all() or not ((amplitudes >= 0) & (amplitudes <= MOST_AMPLITUDE)).all():
+        raise ValueError(f"its points must be within {FARTHEST:g} m, and their amplitudes from 0 to {MOST_AMPLITUDE:g}")
+    if ids.shape != amplitudes.shape:
+        raise ValueError(f"it has {len(points)} points, but {ids.size} ids")
+    return float(record["time"]), _Played(pulses, points, ids)

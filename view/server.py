@@ -30,14 +30,17 @@ from websockets.http11 import Request, Response
 
 from .messages import ACK, MOST_COMMAND_BYTES
 
-__all__ = ["LOOPBACK", "PATIENCE_SECONDS", "PageServer"]
+__all__ = ["LOOPBACK", "PATIENCE_SECONDS", "PageServer", "is_loopback"]
 
 LOOPBACK = "127.0.0.1"
-EVERYWHERE = ("0.0.0.0", "::")
+EVERYWHERE = {"0.0.0.0": socket.gethostname(), "::": "::1"}
+"""Addresses that mean all of a computer's, and the name by which its own browser finds it there."""
 PATIENCE_SECONDS = 5.0
 PING_SECONDS = 1.0
 MOST_SAVED_BYTES = 2**28
 MOST_PENDING = 100
+DEFAULT_PORT = 80
+"""Which a browser leaves out."""
 SOCKET = "/ws"
 THREE = ("jupyter_threejs_sage", "static/r130/three.min.js")
 """three.js as SageMath packages it: a script of one file, with the controls of a camera."""
@@ -102,6 +105,8 @@ class PageServer:
         embedded: bool = False,
         saving: bool = False,
     ) -> None:
+        if not listen:
+            raise ValueError("the address to listen at must not be empty; 127.0.0.1 is this computer alone")
         self._listen, self._port = listen, port
         self._on_message, self._on_page, self._on_gone = on_message, on_page, on_gone
         self._embedded, self._saving = embedded, saving
@@ -144,7 +149,7 @@ class PageServer:
     @property
     def url(self) -> str:
         """Where a browser finds the page, with the token, which a browser does not send on with requests."""
-        host = socket.gethostname() if self._listen in EVERYWHERE else self._listen
+        host = EVERYWHERE.get(self._listen, self._listen)
         return f"http://{f'[{host}]' if ':' in host else host}:{self._port}/#{self._token}"
 
     def keep(self, name: str, message: bytes) -> None:
@@ -272,6 +277,12 @@ class PageServer:
 
     def _answer(self, _connection: ServerConnection, request: Request) -> Response | None:
         """Answer a request for a file; None lets a page open its socket."""
+        try:
+            return self._answered(request)
+        except (LookupError, ValueError):  # two hosts, or a path that is none
+            return self._said(http.HTTPStatus.BAD_REQUEST, "this request is not valid")
+
+    def _answered(self, request: Request) -> Response | None:
         host = request.headers.get("Host", "")
         if not self._is_us(host):
             return self._said(http.HTTPStatus.FORBIDDEN, "the Host of this request is not this server")
@@ -292,13 +303,13 @@ class PageServer:
 
     def _is_us(self, host: str) -> bool:
         """Whether a Host names this server; if it listens everywhere, by an address or this computer's name."""
-        name, _, port = host.rpartition(":")
-        name = name.strip("[]")
-        if port != str(self._port):
+        asked = urlsplit(f"http://{host}")
+        name = asked.hostname or ""  # in lower case
+        if (asked.port or DEFAULT_PORT) != self._port:
             return False
-        if name in (self._listen, "localhost"):
+        if name in (self._listen.lower(), "localhost"):
             return True
-        return self._listen in EVERYWHERE and (name == socket.gethostname() or _is_address(name))
+        return self._listen in EVERYWHERE and (name == socket.gethostname().lower() or _is_address(name))
 
     def _said(self, status: http.HTTPStatus, text: str) -> Response:
         return self._response(status, f"{text}\n".encode(), "text/plain")
@@ -324,6 +335,11 @@ class PageServer:
             "Connection": "close",
         }
         return Response(status.value, status.phrase, Headers(headers), body)
+
+
+def is_loopback(listen: str) -> bool:
+    """Whether only this computer can reach an address."""
+    return listen == "localhost" or (_is_address(listen) and ipaddress.ip_address(listen).is_loopback)
 
 
 def _is_address(name: str) -> bool:

@@ -14,7 +14,7 @@ __all__ = ["GROUPS", "RANGES", "Choices", "HandSetting", "ObjectSetting", "Setti
 
 MOST_WATCHED = 8
 MOST_OBJECTS = 8
-REACH = 0.5
+REACH = 1.0
 """Metres from the axis of the array, to which hands, objects and planes can be moved."""
 RANGES: dict[str, tuple[float, float]] = {
     "scale": (1e-9, 1e9),
@@ -33,7 +33,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "objects.x": (-REACH, REACH),
     "objects.y": (-REACH, REACH),
     "objects.z": (0, REACH),
-    "objects.size": (0.01, 0.5),
+    "objects.size": (0.005, 2),
     "objects.rotation": (-180, 180),
 }
 """Least and most of every number: lengths in metres, frequencies in hertz, angles in degrees, ``at`` in carrier

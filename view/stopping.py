@@ -5,8 +5,9 @@ from __future__ import annotations
 from threading import Event, Thread
 
 from ..emulator import Emulator
-from ..errors import DeviceError
+from ..errors import DeviceError, DeviceRefusedError
 from ..host import Device
+from ..protocol.codes import Reason
 
 __all__ = ["Stopper"]
 
@@ -40,6 +41,11 @@ class Stopper:
         else:
             self._thread = Thread(target=self._turn_off, name="phasewire stop", daemon=True)
             self._thread.start()
+
+    def check(self) -> None:
+        """Raise `DeviceRefusedError` if a stop was asked for, even if it reached the device before anything played."""
+        if self.count:
+            raise DeviceRefusedError(f"{self._device.name} was stopped by its page", Reason.DISABLED)
 
     def serve(self) -> None:
         """Do what is left to the playing thread, which calls this in each turn.

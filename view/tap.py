@@ -241,7 +241,7 @@ class Tap:
         seen = self._with_state(seen)
         if capture is None:
             silence = np.zeros((1, len(self._view.rig.array)), np.complex64)
-            self._view.show(Snapshot(silence, **seen | {"source": STARTING, "state": "waiting"}))
+            self._view.show(Snapshot(silence, **{"state": "waiting"} | seen | {"source": STARTING}))
             return
         last = capture.periods - 1
         waves = self._waves(capture, last + 1)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from threading import Event, Lock, Thread
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,8 @@ from .snapshot import Rig, Snapshot, rows_of
 __all__ = ["Director", "Tape", "View"]
 
 _log = logging.getLogger(__name__)
+
+Item = TypeVar("Item", Hand, Mesh)
 
 MOST_RATE = 60.0
 """Frames per second that are painted."""
@@ -134,6 +136,8 @@ class View:
         embedded: bool = True,
         saving: bool = False,
     ) -> None:
+        if not isinstance(array, Rig | TransducerArray | None):
+            raise ValueError(f"{str(array)[:40]!r} must be a TransducerArray, or a Rig")
         self.rig = array if isinstance(array, Rig) else Rig(array or TransducerArray.grid())
         self._director = director or Director()
         self.settings = settings or Settings()
@@ -227,8 +231,10 @@ class View:
         Raises
         ------
         ValueError
-            If drives do not fit the array, or are more than two.
+            If drives do not fit the array or are more than two, something is of another type, or the view is closed.
         """
+        if self._closing.is_set():
+            raise ValueError("this view is closed; make a new one")
         with self._lock:
             now = self._newest
         given: dict[str, Any] = {}
@@ -238,9 +244,9 @@ class View:
         if points is not None:
             given["points"] = _points(points)
         if hands is not None:
-            given["hands"] = (hands,) if isinstance(hands, Hand) else tuple(hands)
+            given["hands"] = _all_of(Hand, hands)
         if objects is not None:
-            given["objects"] = (objects,) if isinstance(objects, Mesh) else tuple(objects)
+            given["objects"] = _all_of(Mesh, objects)
         period = round((time.monotonic() - self._began) * CARRIER_HZ)
         self.show(replace(now, state="playing", period=period, **given))
 
@@ -350,11 +356,23 @@ class View:
         }
         try:
             fields |= self._fields(snapshot, settings, arrays)
-        except ValueError as error:  # a plane or a probe that is too close to a transducer
-            self.settle(lambda now: replace(now, xy=False, xz=False, yz=False, probe=None, compare=None))
-            self.say(f"planes and probe are off: {error}", error=True)
+        except ValueError as error:  # a plane that is too close to a transducer
+            self.settle(lambda now: replace(now, xy=False, xz=False, yz=False, compare=None))
+            self.say(f"planes are off: {error}", error=True)
             fields |= self._fields(snapshot, self.settings, arrays)
+        fields["probe"] = self._probed(snapshot, settings)
         return encode("frame", fields, arrays)
+
+    def _probed(self, snapshot: Snapshot, settings: Settings) -> dict[str, Any] | None:
+        """The pressure at the probe, if there is one."""
+        if settings.probe is None:
+            return None
+        try:
+            return self._painter.probe(snapshot, settings.probe)._asdict()
+        except ValueError as error:  # it is too close to a transducer
+            self.settle(lambda now: replace(now, probe=None))
+            self.say(f"the probe is off: {error}", error=True)
+            return None
 
     def _fields(self, snapshot: Snapshot, settings: Settings, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
         """What a frame has of the fields; images are added to the arrays."""
@@ -367,12 +385,11 @@ class View:
             numbers = self._comparison.numbers(self._painter, snapshot, other)
             side = {"method": settings.method, "other": settings.compare, "numbers": numbers}
         arrays |= {image.name: image.levels for image in images}
-        probe = None if settings.probe is None else self._painter.probe(snapshot, settings.probe)._asdict()
         planes = [
             {"name": image.name, "corner": image.corner.tolist(), "u": image.u.tolist(), "v": image.v.tolist()}
             for image in images
         ]
-        return {"planes": planes, "scale": scale, "side": side, "probe": probe}
+        return {"planes": planes, "scale": scale, "side": side}
 
     def _waves(self, snapshot: Snapshot, arrays: dict[str, NDArray[Any]]) -> dict[str, Any] | None:
         """What a frame has of the square waves; their bits are added to the arrays."""
@@ -486,6 +503,14 @@ def _drives(given: Any, transducers: int) -> tuple[NDArray[np.complexfloating], 
     if not np.isfinite(drives).all() or np.abs(drives).max() > 1 + 1e-6:
         raise ValueError("every drive must be finite and of magnitude 1 at most")
     return drives, points
+
+
+def _all_of(kind: type[Item], given: Item | Sequence[Item]) -> tuple[Item, ...]:
+    """One or more of a kind; `ValueError` if one is another thing."""
+    items = (given,) if isinstance(given, kind) else tuple(given) if isinstance(given, Sequence) else None
+    if items is None or not all(isinstance(each, kind) for each in items):
+        raise ValueError(f"{str(given)[:40]!r} must be a {kind.__name__}, or a sequence of them")
+    return items
 
 
 def _points(given: ArrayLike) -> NDArray[np.float64]:

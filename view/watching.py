@@ -79,13 +79,25 @@ class Watch:
         """Wait until a browser shows the page, at most a minute; false if none did."""
         return self.view.server.seen.wait(FIRST_PAGE_SECONDS)
 
+    def check(self) -> None:
+        """Carry out a stop that a page has asked for.
+
+        Raises
+        ------
+        DeviceRefusedError
+            If a page has stopped the command, or the last one was closed.
+        """
+        self._stopper.serve()
+        self._stopper.check()
+
     def moment(self, moment: TouchMoment, loop: TouchLoop) -> None:
         """Show what hands have just touched, if it is time."""
-        self._stopper.serve()
+        self.check()
         self._tap.take_moment(moment, loop)
 
     def frames(self, frames: Frames, rate: float) -> Frames:
         """The same frames, and the page shows them; for an emulated device they keep the pace of the wall clock."""
+        self.check()
         return self._in_time(frames, rate) if self._paced else frames
 
     def _in_time(self, frames: Frames, rate: float) -> Iterator[Frame]:
@@ -95,7 +107,7 @@ class Watch:
             due = began + number / rate
             while (left := due - time.monotonic()) > 0:
                 time.sleep(min(left, STEP_SECONDS))
-                self._stopper.serve()
+                self.check()
             self._look()
             yield taken.pulses(0)
             number += 1
@@ -116,7 +128,7 @@ class Watch:
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             began, step = time.monotonic(), min(STEP_SECONDS, left)
-            self._stopper.serve()
+            self.check()
             self._device.keep_playing(step)
             time.sleep(max(0.0, step - (time.monotonic() - began)))
             if self._tap.due:
@@ -124,6 +136,6 @@ class Watch:
 
     def _look(self) -> None:
         """Show what the device emits, if it is time."""
-        self._stopper.serve()
+        self.check()
         if self._tap.due:
             self._tap.take()

@@ -134,12 +134,23 @@ def test_a_stream_keeps_the_pace_of_the_wall_clock(tmp_path: Path) -> None:
         with page_of(url) as page:
             first, began = page.until(sounding)["period"], time.monotonic()
             last = page.until(lambda message: message["period"] > first + 40_000)["period"]
-            assert (last - first) / 40_000 == pytest.approx(time.monotonic() - began, abs=0.2)
+            assert 1 < (last - first) / 40_000 < time.monotonic() - began + 0.1  # by itself it would be faster
             drain(page)
         process.communicate(timeout=PATIENCE)
         assert process.returncode == 0
     told = json.loads(report.read_text())["stream"]
     assert (told["accepted"], told["late"], told["underruns"]) == (400, 0, 0)
+
+
+@pytest.mark.parametrize(
+    "arguments", [("play", "circle", "--forever"), ("stream", "circle", "--forever")], ids=["play", "stream"]
+)
+def test_a_page_that_is_closed_before_anything_plays_stops_the_command_too(arguments: tuple[str, ...]) -> None:
+    with viewing(*arguments, "--view") as (process, url):
+        with page_of(url):
+            pass
+        _, err = process.communicate(timeout=PATIENCE)
+        assert (process.returncode, "Traceback" in err) == (4, False), err
 
 
 @pytest.mark.slow

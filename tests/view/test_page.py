@@ -663,7 +663,7 @@ def test_a_browser_that_sends_nothing_is_said(tmp_path: Path, monkeypatch: pytes
     with (
         View(ARRAY, saving=True) as view,
         pytest.raises(PhasewireError, match="has sent no picture"),
-        saved_from(view, tmp_path / "nothing.png", 0),
+        saved_from(view, tmp_path / "nothing.png", 0) as saved,
     ):
-        pass
+        until(saved)
     assert list(tmp_path.iterdir()) == []

@@ -112,6 +112,13 @@ def test_it_plays_while_it_runs_and_begins_again(tmp_path: Path) -> None:
         ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n' + LINE % b"NaN"),
         ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n' + LINE % b"1e400"),
         ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n' + LINE % b"2" + LINE % b"1"),
+        ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n' + LINE % (b"1" + 400 * b"0")),
+        ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n' + LINE % b"-5"),
+        ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n' + (LINE % b"1").replace(b"[]", b"[1]", 1)),
+        (
+            "bad.touch",
+            b'{"format":"phasewire-touch-log-1"}\n' + (LINE % b"1").replace(b"[]", b"[1" + 30 * b"0" + b"]", 1),
+        ),
         ("bad.hands", b"x\n"),
         ("bad.frames", b"x"),
     ],

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from phasewire.view import server as module
 from phasewire.view.messages import MOST_COMMAND_BYTES, encode
-from phasewire.view.server import PageServer
+from phasewire.view.server import PageServer, is_loopback
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -269,6 +269,41 @@ def test_a_notebook_of_this_computer_may_frame_an_embedded_page() -> None:
     with serving(embedded=True) as (server, _):
         policy = get(server.url, "/").getheader("Content-Security-Policy", "")
         assert "frame-ancestors http://localhost:* http://127.0.0.1:*" in policy
+
+
+@pytest.mark.parametrize("lines", ["Host: {host}\r\nHost: {host}", "Host: [", "Host: {host}:9999999"])
+def test_a_request_that_is_none_is_answered_and_nothing_is_printed(
+    served: tuple[PageServer, Heard], lines: str, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    host, _ = address(served[0].url)
+    name, port = host.split(":")
+    for target in ("/", "//["):
+        with socket.create_connection((name, int(port)), timeout=PATIENCE) as raw:
+            raw.sendall(f"GET {target} HTTP/1.1\r\n{lines.format(host=host)}\r\n\r\n".encode())
+            assert raw.recv(100).split()[1] in (b"400", b"403")
+    assert capsys.readouterr().err == ""
+    assert not [record for record in caplog.records if record.exc_info]
+
+
+def test_a_name_in_capitals_is_the_same(served: tuple[PageServer, Heard]) -> None:
+    host = address(served[0].url)[0].replace("127.0.0.1", "LocalHost")
+    assert get(served[0].url, "/", Host=host).status == 200
+
+
+@pytest.mark.parametrize(
+    ("listen", "alone"),
+    [
+        ("127.0.0.1", True),
+        ("::1", True),
+        ("localhost", True),
+        ("127.0.0.2", True),
+        ("0.0.0.0", False),
+        ("::", False),
+        ("192.168.1.2", False),
+    ],
+)
+def test_what_others_can_reach_is_known(listen: str, alone: bool) -> None:
+    assert is_loopback(listen) == alone
 
 
 def test_everywhere_means_addresses_and_the_computers_name_but_no_other() -> None:
