@@ -246,7 +246,10 @@ def example(context: typer.Context) -> str:
             alike[key][entry] += 1
     # Values that most commands with such an option share; a key with differing defaults would mislead at the top.
     most = {key: counted.most_common(1)[0] for key, counted in alike.items()}
-    shared = {key: entry for key, (entry, count) in most.items() if 1 < count > alike[key].total() / 2}
+    # At the top a key that is also a command, such as view, would be that command's table.
+    tables = {table.partition(".")[0] for table in own}
+    usual = {key: entry for key, (entry, count) in most.items() if 1 < count > alike[key].total() / 2}
+    shared = {key: entry for key, entry in usual.items() if key not in tables}
     parts = [
         "# Defaults of phasewire's options. Remove the # of a line to make it effective, but not that of prose.\n"
         "# The command line comes first, then environment variables, then this file.\n",

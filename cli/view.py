@@ -61,6 +61,8 @@ Instead of objects, a recording can be shown, without a device: a .frames file o
 
 \b
 {object_help()}
+
+An emulated device keeps the pace of the wall clock.
 """,
 )
 def view(

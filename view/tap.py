@@ -27,7 +27,7 @@ from .newest import NewestTask
 from .snapshot import Rig, Snapshot, Waves
 from .view import View
 
-__all__ = ["BITS", "EXACT", "Tap", "Turns", "rig_of"]
+__all__ = ["BITS", "EXACT", "Alternation", "Tap", "rig_of"]
 
 RATE, READ_BACK_RATE = 40.0, 5.0
 """Snapshots per second: of an emulated device, whose bits are in this process, and of another, which must be asked."""
@@ -46,7 +46,7 @@ def rig_of(device: Device, array: TransducerArray) -> Rig:
 
 
 @dataclass(frozen=True)
-class Turns:
+class Alternation:
     """Two fields that take turns.
 
     Parameters
@@ -94,7 +94,7 @@ class Tap:
         self._injected: dict[int, tuple[str, float]] = {}
         """Of each board the last fault that was injected, and until when by the device's time."""
         self._status: Status | None = None
-        self._turns: Turns | None = None
+        self._turns: Alternation | None = None
         self._halves: dict[int, NDArray[np.complex128]] = {}
         """Of a device that is not emulated: both fields, as they were last read."""
         self.figures: tuple[tuple[str, str], ...] = ()
@@ -119,12 +119,12 @@ class Tap:
         """Whether the view needs another snapshot."""
         return self._view.server.pages > 0 and time.monotonic() - self._taken >= self._gap
 
-    def take(self, turns: Turns | None = None, **seen: Any) -> None:
+    def take(self, turns: Alternation | None = None, **seen: Any) -> None:
         """Show a snapshot of this moment.
 
         Parameters
         ----------
-        turns : Turns, optional
+        turns : Alternation, optional
             How two fields take turns; by default there is one.
         **seen
             Other fields of `Snapshot`.
@@ -134,13 +134,13 @@ class Tap:
     def take_moment(self, moment: TouchMoment, loop: TouchLoop) -> None:
         """Show what hands touch and what a loop plays for it, if it is time."""
         if self.due:
-            self._take(Turns(loop.half_periods), partial(self._touched, moment, loop))
+            self._take(Alternation(loop.half_periods), partial(self._touched, moment, loop))
 
     def inject(self, board: int, fault: str, seconds: float) -> None:
         """Name a fault that was injected at its board: the device does not know of which board a fault is."""
         self._injected[board] = fault, self._device.time.monotonic() + seconds
 
-    def _take(self, turns: Turns | None, seen: Callable[[], dict[str, Any]]) -> None:
+    def _take(self, turns: Alternation | None, seen: Callable[[], dict[str, Any]]) -> None:
         self._taken = time.monotonic()
         if self._emulator is None:
             self._task.offer(lambda: self._ask(turns, seen()))
@@ -208,14 +208,14 @@ class Tap:
             "arcs": moment.touch.arcs,
         }
 
-    def _ask(self, turns: Turns | None, seen: dict[str, Any]) -> None:
+    def _ask(self, turns: Alternation | None, seen: dict[str, Any]) -> None:
         """Show what a device that is not emulated says of itself."""
         if self._report_is_due():
             self._report()
         drives, period, source = self._read_back(turns)
         self._view.show(Snapshot(drives, period, **{"source": source} | self._with_state(seen)))
 
-    def _read_back(self, turns: Turns | None) -> tuple[NDArray[Any], int, str]:
+    def _read_back(self, turns: Alternation | None) -> tuple[NDArray[Any], int, str]:
         """What a device says that it plays: fields, the period, and where they come from.
 
         Of two fields one plays; the other is shown as it was last read, as soon as it was.
@@ -236,7 +236,7 @@ class Tap:
         both = [self._halves[number] for number in range(2)] if len(self._halves) == 2 else [drive]
         return np.stack(both), read.read_period, READ_BACK
 
-    def _show(self, capture: Capture | None, turns: Turns | None, seen: dict[str, Any]) -> None:
+    def _show(self, capture: Capture | None, turns: Alternation | None, seen: dict[str, Any]) -> None:
         """Show what an emulated device has played."""
         seen = self._with_state(seen)
         if capture is None:
@@ -265,7 +265,7 @@ class Tap:
         return seen | {"figures": figures, "boards": self._boards}
 
 
-def _fields(capture: Capture, last: int, turns: Turns | None) -> NDArray[np.complex64]:
+def _fields(capture: Capture, last: int, turns: Alternation | None) -> NDArray[np.complex64]:
     """What was emitted up to a period: two fields in turn, (2, n), or one, (1, n)."""
     begin = -(-capture.start_tick // TICKS_PER_PERIOD)
     if turns is None:
@@ -283,7 +283,7 @@ def touch_figures(report: TouchReport) -> tuple[tuple[str, str], ...]:
         ("Hand frames", f"{report.rate:.0f}/s"),
         ("Latency", str(report.latency) if report.latency.count else "–"),
         ("Late blocks", str(report.late)),
-        ("Turns slipped", str(report.slipped)),
+        ("Alternation slipped", str(report.slipped)),
         ("Frames dropped", str(report.dropped)),
         ("Held up", str(report.held_up)),
     )

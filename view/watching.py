@@ -15,7 +15,7 @@ from ..host.touching.loop import TouchLoop, TouchMoment
 from ..solver import TransducerArray, TwoSided
 from .snapshot import rows_of
 from .stopping import Stopper
-from .tap import Tap, Turns, rig_of
+from .tap import Alternation, Tap, rig_of
 from .view import Director, View
 
 __all__ = ["Watch", "watch"]
@@ -124,7 +124,7 @@ class Watch:
     def play(self, solution: TwoSided, seconds: float, begins: int) -> None:
         """Let two fields take turns from a period on, by the wall clock; otherwise as `Device.keep_playing`."""
         points = rows_of(solution.points)
-        turns = Turns(solution.modulation.periods, begins)
+        turns = Alternation(solution.modulation.periods, begins)
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             began, step = time.monotonic(), min(STEP_SECONDS, left)

@@ -168,6 +168,7 @@ class AsyncDevice:
     enable = _awaited(Device.enable)
     stop = _awaited(Device.stop)
     reset = _awaited(Device.reset)
+    reopen = _awaited(Device.reopen)
     identify = _awaited(Device.identify)
     set_watchdog = _awaited(Device.set_watchdog)
     set_drive_limit = _awaited(Device.set_drive_limit)

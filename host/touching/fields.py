@@ -34,7 +34,7 @@ class PoseSolver:
         self._solver = TwoSidedSolver(array, method, frequency=frequency)
         self._calibration = calibration
         self.gains: NDArray[np.float32] | None = None
-        """(n,) from 0 to 1: by how much each transducer's drive is turned down; None for not at all."""
+        """(n,) factors of the drives, from 0 to 1; None for 1."""
 
     def solve(self, fading: Fading) -> PulseFrames:
         """The fields of one pose, (2, n), from at least one point.

@@ -167,6 +167,7 @@ def test_an_interrupted_run_writes_all_its_reports(phasewire: Phasewire, suite: 
 @pytest.mark.parametrize(
     "place", ["hil.conformance.bench.Bench.leave_off", "cli.conformance.page", "cli.conformance.junit"]
 )
+@pytest.mark.slow
 def test_a_signal_after_all_is_judged_waits_for_the_reports(
     phasewire: Phasewire, monkeypatch: pytest.MonkeyPatch, place: str, number: int, code: int
 ) -> None:

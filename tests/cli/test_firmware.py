@@ -216,6 +216,7 @@ def test_dfu_suffix_reads_the_suffix(firmware: Run, folder: Path) -> None:
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
+@pytest.mark.slow
 def test_the_commands_of_the_document_run(tmp_path: Path) -> None:
     document = (Path(__file__).parents[2] / "docs" / "how-to/firmware.md").read_text(encoding="utf-8")
     script = "\n".join(re.findall(r"^```sh\n(.*?)^```", document, re.MULTILINE | re.DOTALL))

@@ -45,14 +45,12 @@ class Row(NamedTuple):
     makes: tuple[str, ...] = ()
     """Files that it adds to its folder."""
     json: bool = True
-    marks: tuple[pytest.MarkDecorator, ...] = ()
 
 
-SLOW = (pytest.mark.slow,)
 OFF = r"outputs are off"
 
 ROWS = {
-    "demo": Row("demo", r"PASS: the rebuilt drive is the intended one", makes=("demo.png",), marks=SLOW),
+    "demo": Row("demo", r"PASS: the rebuilt drive is the intended one", makes=("demo.png",)),
     "conformance": Row(
         "conformance --only numbering --html report.html --junit report.xml",
         r"PASS: nothing broke; .*\bcases\b.* passed",
@@ -66,8 +64,8 @@ ROWS = {
     "solve": Row("solve star --output star.npz", r"30 control points, 320 transducers", makes=("star.npz",)),
     "field": Row("field solved.npz --output f.npz --step 0.01", r"strongest \d+ Pa", makes=("f.npz",)),
     "focus": Row("focus solved.npz", r"17 foci:"),
-    "reproduce figure6": Row("reproduce figure6", r"Drawn to figure6.png", makes=("figure6.png",), marks=SLOW),
-    "reproduce figure7": Row("reproduce figure7", r"Drawn to figure7.png", makes=("figure7.png",), marks=SLOW),
+    "reproduce figure6": Row("reproduce figure6", r"Drawn to figure6.png", makes=("figure6.png",)),
+    "reproduce figure7": Row("reproduce figure7", r"Drawn to figure7.png", makes=("figure7.png",)),
     "reproduce range": Row("reproduce range", r"Drawn to range.png", makes=("range.png",)),
     "reproduce figure4": Row("reproduce figure4", r"Drawn to figure4.png", makes=("figure4.png",)),
     "show": Row("show solved.npz --seconds 0.1", OFF),
@@ -188,7 +186,11 @@ def root() -> typer.Context:
     return typer.Context(command_line(), info_name="phasewire")
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=row.marks) for name, row in ROWS.items()])
+QUICK = ("devices", "info", "play", "show", "solve", "vectors")
+"""Commands that `make test` tries too; CI tries all."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in ROWS])
 def test_a_command_prints_its_result_and_leaves_no_file_or_process(name: str, folder: Path) -> None:
     row = ROWS[name]
     before = {path.name for path in folder.iterdir()}
@@ -331,6 +333,7 @@ main()
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("line", ["--help", "info", "conformance --only numbering"])
+@pytest.mark.slow
 def test_a_signal_during_loading_ends_the_program_quietly(folder: Path, line: str, number: int) -> None:
     for milliseconds in (0, 20, 50, 100, 200, 400, 800):
         with subprocess.Popen(
@@ -351,6 +354,7 @@ def test_a_signal_during_loading_ends_the_program_quietly(folder: Path, line: st
         assert b"Exception" not in said
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_of_cases_writes_its_reports(folder: Path) -> None:
     command = [*COMMAND, "conformance", "--only", "blocks", "--html", "r.html", "--junit", "r.xml", "--json", "r.json"]
     with subprocess.Popen(

@@ -160,6 +160,7 @@ def test_silence_is_silent(array: TransducerArray, scrambled: Wiring) -> None:
     assert not playback.phasors(AT, 0, 20).any()
 
 
+@pytest.mark.slow
 def test_a_stretch_is_what_it_is_in_a_longer_one(array: TransducerArray, scrambled: Wiring) -> None:
     """Across blocks, and beyond what the resonators remember."""
     slots = [(some_pulses(seed), 60) for seed in range(20)]
@@ -204,6 +205,7 @@ def square_intensity(matrix: NDArray[np.complex128], fields: Any, delay: NDArray
 
 
 @pytest.mark.parametrize("second", [SILENCE, some_pulses(6)], ids=["on and off", "two-sided"])
+@pytest.mark.slow
 def test_the_200_hz_of_two_fields_in_turn(array: TransducerArray, scrambled: Wiring, second: Pulses) -> None:
     first = some_pulses(5)
     capture = recorded(scrambled, *[(first, 100), (second, 100)] * 4)

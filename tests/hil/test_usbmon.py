@@ -312,6 +312,7 @@ class Endless(io.RawIOBase):
             yield pcap([bulk_out(urb, BLOCK)[0]])[head:]
 
 
+@pytest.mark.slow
 def test_submissions_without_end_are_not_all_kept() -> None:
     tracemalloc.start()
     try:

@@ -350,6 +350,7 @@ def test_a_device_that_is_held_up_once_has_no_oscillator_that_is_off(
     assert next(readings) > held_up.stop
 
 
+@pytest.mark.slow
 def test_an_oscillator_is_not_blamed_for_time_that_is_computed() -> None:
     """At the pace fast a device's time passes only during requests."""
     with Served(pty=True, pace=Pace.FAST) as served:

@@ -74,6 +74,7 @@ print(json.dumps(told))
 
 
 @pytest.mark.parametrize("speed", [HIGH_SPEED, FULL_SPEED], ids=["high", "full"])
+@pytest.mark.slow
 def test_streams_refusals_a_full_queue_and_ctrl_c(speed: Speed, tmp_path: Path) -> None:
     out = tmp_path / "out"
     with out.open("wb") as target:

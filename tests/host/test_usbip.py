@@ -627,6 +627,7 @@ def test_a_link_without_references_is_closed_even_with_transfers_under_way(scrip
 # The conformance suite
 
 
+@pytest.mark.slow
 def test_the_conformance_suite_judges_a_device_over_usbip(url: str) -> None:
     from phasewire.hil.conformance.running import RunOptions, run_conformance
     from phasewire.hil.conformance.verdicts import Verdict

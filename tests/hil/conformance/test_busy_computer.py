@@ -63,6 +63,7 @@ def test_a_tick_that_has_passed_makes_a_case_inconclusive(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("seconds", "verdict"), [(0.0, "pass"), (0.2, "pass"), (20.0, "inconclusive")])
+@pytest.mark.slow
 def test_a_case_has_more_time_on_a_slow_line(monkeypatch: pytest.MonkeyPatch, seconds: float, verdict: str) -> None:
     """It names periods further ahead until its blocks come in time, or cannot be judged."""
     send = RawUsbLine.send_blocks

@@ -113,7 +113,14 @@ def check_no_case_speaks_against(url: str, only: tuple[str, ...] = ()) -> Run:
     return run
 
 
-@pytest.mark.parametrize("group", sorted(path.stem.removeprefix("test_") for path in GROUPS.glob("test_*.py")))
+NAMES = sorted(path.stem.removeprefix("test_") for path in GROUPS.glob("test_*.py"))
+QUICK = ("limits", "numbering", "outputs", "robustness", "sorting", "versions")
+"""Groups that `make test` tries too; CI tries all."""
+
+
+@pytest.mark.parametrize(
+    "group", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in NAMES]
+)
 def test_no_case_of_a_group_speaks_against_the_emulator(group: str) -> None:
     """The emulator as a black box is tested by these cases; tests/emulator has what no case can see."""
     run = check_no_case_speaks_against("emulator:", (group.replace("_", "-") + "/",))
