@@ -283,7 +283,7 @@ def touch_figures(report: TouchReport) -> tuple[tuple[str, str], ...]:
         ("Hand frames", f"{report.rate:.0f}/s"),
         ("Latency", str(report.latency) if report.latency.count else "–"),
         ("Late blocks", str(report.late)),
-        ("Alternation slipped", str(report.slipped)),
+        ("Turns slipped", str(report.slipped)),
         ("Frames dropped", str(report.dropped)),
         ("Held up", str(report.held_up)),
     )

@@ -239,7 +239,7 @@ class TouchLoop:
             self._wall_begin, self._begin = time.monotonic(), self._clock.monotonic()
             self._heard_at, told = self._begin, self._wall_begin
             try:
-                while not self._source.ended and (now := self._clock.monotonic()) < self._begin + seconds:
+                while not self._source.ended and (now := self._caught_up()) < self._begin + seconds:
                     self.turn(min(self._due(), self._begin + seconds) - now)
                     if on_progress is not None and time.monotonic() - told >= PROGRESS_SECONDS:
                         told = time.monotonic()
@@ -266,18 +266,23 @@ class TouchLoop:
     def turn(self, timeout: float) -> None:
         """Wait so many seconds for a frame, play it or else what is due: one turn of the loop."""
         frame = self._source.next_frame(max(timeout, 0.0))
-        if self._follows:
-            behind = (time.monotonic() - self._wall_begin) - (self._clock.monotonic() - self._begin)
-            if behind > 0:
-                self._clock.sleep(behind)
+        now = self._caught_up()
         if frame is not None:
-            self._heard_at, self._stalled = self._clock.monotonic(), False
+            self._heard_at, self._stalled = now, False
             stamp = frame.time - self._wall_begin + self._begin if self._follows else frame.time
             if stamp >= self._next - EARLY_SECONDS:
                 self._next = (self._next if stamp < self._next + self._gap else stamp) + self._gap
                 self._survive(partial(self._take, frame, stamp))
                 return
         self._survive(self._go_on)
+
+    def _caught_up(self) -> float:
+        """The device's time; if the source is live, an emulated one's passes as the wall clock's has until now."""
+        if self._follows:
+            behind = (time.monotonic() - self._wall_begin) - (self._clock.monotonic() - self._begin)
+            if behind > 0:
+                self._clock.sleep(behind)
+        return self._clock.monotonic()
 
     def _survive(self, step: Callable[[], None]) -> None:
         """Take a step; if the watchdog has turned the outputs off before, begin anew: the next pose enables them."""
