@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -606,6 +607,28 @@ def test_a_page_of_a_stranger_gets_nothing(browser: Browser) -> None:
         assert said == "refused"
         assert view.server.pages == 0
         tab.close()
+
+
+@pytest.mark.parametrize("embedded", [True, False])
+def test_only_an_embedded_view_is_shown_within_another_page(browser: Browser, tmp_path: Path, embedded: bool) -> None:
+    """As a notebook shows it: a page of another server of this computer has the view's own HTML."""
+    with View(ARRAY, embedded=embedded) as view:
+        (tmp_path / "index.html").write_text(f"<!doctype html><title>notebook</title>{view._repr_html_()}")
+        handler = partial(SimpleHTTPRequestHandler, directory=str(tmp_path))
+        with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+            threading.Thread(target=server.serve_forever, daemon=True).start()
+            tab = browser.new_page(viewport=SIZE)
+            tab.goto(f"http://127.0.0.1:{server.server_port}/")
+            if embedded:
+                frame = tab.frames[1]
+                until(lambda: frame.evaluate("() => window.phasewire?.drawn ?? 0") > 1)
+                view.update(np.ones(320))
+                until(lambda: frame.evaluate("() => phasewire.frame?.state") == "playing")
+            else:
+                until(lambda: tab.frames[1].url.startswith("chrome-error"))
+                assert view.server.pages == 0
+            tab.close()
+            server.shutdown()
 
 
 def test_garbage_from_the_server_does_not_end_the_page(still: tuple[View, Window]) -> None:
