@@ -284,7 +284,7 @@ class _Lease:
     source : HandSource
         The studio's.
     serve : callable
-        Is called before each frame.
+        Does what pages have asked for.
     ends : callable
         Whether the loop must end.
     """
@@ -295,12 +295,12 @@ class _Lease:
 
     @property
     def ended(self) -> bool:
-        """Whether the loop must end."""
+        """Whether the loop must end, as it asks in each turn; a stop is carried out first, without a ramp."""
+        self._serve()
         return self._ends() or self._source.ended
 
     def next_frame(self, timeout: float) -> HandFrame | None:
         """The newest frame."""
-        self._serve()
         return self._source.next_frame(timeout)
 
     def __iter__(self) -> Iterator[HandFrame]:
