@@ -189,6 +189,7 @@ class Studio(Director):
             if self._lost:
                 self._device.reopen()
                 self._lost = False
+            self._stopper.serve()
             ends = partial(self._must_end, self._settings)
             self._loop = self._new_loop(_Lease(self._source, self._serve, ends))
             self._loop.run()

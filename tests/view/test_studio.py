@@ -175,6 +175,11 @@ def test_a_stop_that_is_taken_back_at_once_is_no_refusal(stage: tuple[Session, P
         page.do("stop")
         page.do("go")
         page.until(lambda message, period=period: sounding(message) and message["period"] > period + 4000)  # type: ignore[misc]
+    page.do("stop")
+    page.until(lambda message: message["state"] == "stopped")
+    page.do("stop")
+    page.do("go")
+    page.until(sounding)
     assert page.notices == []
 
 
