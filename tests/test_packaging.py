@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("protocol", "solver", "emulator", "host", "hil", "cli")
+ROOMS = ("protocol", "solver", "emulator", "host", "hil", "view", "cli")
 BESIDE = ("benchmarks", "docs", "examples", "mutants", "reference", "tests")
 ALONE = {"CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md", "pyproject.toml"}
 
@@ -43,6 +43,7 @@ def test_the_sdist_and_its_wheel_are_whole_and_the_package_runs_without_the_repo
     sources |= {f"phasewire/{file.relative_to(ROOT)}" for room in ROOMS for file in (ROOT / room).rglob("*.py")}
     data = {"py.typed", "protocol/SPEC.md", "protocol/vectors.json", "host/finding/60-phasewire.rules"}
     data |= {"hil/guest/init.sh", "hil/guest/begin.sh", "__init__.pyi"}
+    data |= {f"view/page/{name}" for name in ("index.html", "page.css", "page.js", "scene.js")}
     assert packed == sources | {f"phasewire/{name}" for name in data}
 
     program = "import phasewire, phasewire.__main__, sys; sys.exit(phasewire.__file__ != sys.argv[1])"
