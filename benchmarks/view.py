@@ -24,13 +24,12 @@ from phasewire import Emulator, Hand, Mesh, Sphere, TransducerArray, open_device
 from phasewire.host.hands.placing import PlacedHands
 from phasewire.host.hands.sources import open_hands
 from phasewire.host.touching.loop import TouchLoop
-from phasewire.protocol.board import CARRIER_HZ
 from phasewire.protocol.codes import Request
 from phasewire.protocol.replies import ANSWER_BYTES
 from phasewire.solver.contact.touch import Toucher
 from phasewire.view import Rig, Snapshot, View
 from phasewire.view.painting import Painter
-from phasewire.view.past import PAST_SECONDS
+from phasewire.view.past import HISTORY_PERIODS
 from phasewire.view.settings import Settings
 from phasewire.view.tap import Tap, rig_of
 from touch import RATE, NullBus, Timed, null_bus, resident_bytes
@@ -38,7 +37,6 @@ from touch import RATE, NullBus, Timed, null_bus, resident_bytes
 ARRAY = TransducerArray.grid()
 SECONDS, ROUNDS = 5.0, 4
 OFFERED = 40
-HISTORY_PERIODS = (PAST_SECONDS + 1) * CARRIER_HZ
 
 PAGE = """
 import sys

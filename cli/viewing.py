@@ -42,9 +42,8 @@ def viewed_device(url: str, *, wanted: bool = True) -> Iterator[tuple[str, Emula
         return
     with loading():
         from ..emulator.doors.address import OF_THE_DOOR, EmulatorUrl
-        from ..protocol.board import CARRIER_HZ
-        from ..view.past import PAST_SECONDS
-    emulator = EmulatorUrl.parse(url).make(history_periods=(PAST_SECONDS + 1) * CARRIER_HZ)
+        from ..view.past import HISTORY_PERIODS
+    emulator = EmulatorUrl.parse(url).make(history_periods=HISTORY_PERIODS)
     door = urlencode([option for option in parse_qsl(url.partition("?")[2]) if option[0] in OF_THE_DOOR])
     with emulator:
         yield f"{emulator.url}?{door}" if door else emulator.url, emulator

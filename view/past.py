@@ -7,9 +7,11 @@ from collections import deque
 from ..protocol.board import CARRIER_HZ
 from .snapshot import Snapshot
 
-__all__ = ["PAST_SECONDS", "Past"]
+__all__ = ["HISTORY_PERIODS", "PAST_SECONDS", "Past"]
 
 PAST_SECONDS = 10
+HISTORY_PERIODS = (PAST_SECONDS + 1) * CARRIER_HZ
+"""Carrier periods that an emulated device has to keep for it."""
 MOST_SNAPSHOTS = 1000
 """More than come in that time; a device's clock that starts anew must not let them grow."""
 

@@ -88,6 +88,7 @@ class Tap:
 
     def __init__(self, device: Device, view: View, emulator: Emulator | None = None) -> None:
         self._device, self._view, self._emulator = device, view, emulator
+        self._silence = np.zeros((1, len(view.rig.array)), np.complex64)
         self._gap = 1 / (READ_BACK_RATE if emulator is None else RATE)
         self._taken = self._asked = self._counted = -inf
         self._boards: tuple[str, ...] = ("",) * BOARDS
@@ -100,9 +101,7 @@ class Tap:
         self.figures: tuple[tuple[str, str], ...] = ()
 
     def __enter__(self) -> Self:
-        self._task = NewestTask(
-            "phasewire tap", lambda error: self._view.say(f"the device is not shown: {error}", error=True)
-        )
+        self._task = NewestTask("phasewire tap", self._say)
         return self
 
     def __exit__(
@@ -220,13 +219,12 @@ class Tap:
 
         Of two fields one plays; the other is shown as it was last read, as soon as it was.
         """
-        silence = np.zeros((1, len(self._view.rig.array)), np.complex64)
         if Feature.READ_BACK not in self._device.info.features:
-            return silence, 0, UNREADABLE
+            return self._silence, 0, UNREADABLE
         try:
             read = self._device.read_back()
         except DeviceError:
-            return silence, 0, UNREADABLE
+            return self._silence, 0, UNREADABLE
         drive = read.pulses.to_drive()
         if turns is None or turns != self._turns or not drive.any():
             self._halves.clear()
@@ -240,8 +238,7 @@ class Tap:
         """Show what an emulated device has played."""
         seen = self._with_state(seen)
         if capture is None:
-            silence = np.zeros((1, len(self._view.rig.array)), np.complex64)
-            self._view.show(Snapshot(silence, **{"state": "waiting"} | seen | {"source": STARTING}))
+            self._view.show(Snapshot(self._silence, **{"state": "waiting"} | seen | {"source": STARTING}))
             return
         last = capture.periods - 1
         waves = self._waves(capture, last + 1)

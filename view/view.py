@@ -111,7 +111,7 @@ class View:
     embedded : bool
         Whether the page may be shown inside another one of this computer, such as a notebook.
     saving : bool
-        Whether a page may send a picture (`browser.save`).
+        Whether a page may send a picture (`browser.saved_from`).
 
     Raises
     ------
