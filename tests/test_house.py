@@ -18,7 +18,7 @@ from phasewire.protocol import board
 from phasewire.solver.methods.options import PHASE_LEVELS
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("protocol", "solver", "host", "emulator", "hil", "view")
+ROOMS = ("protocol", "solver", "host", "emulator", "hil", "feel", "view")
 
 
 def test_the_solver_s_default_array_is_the_board_s() -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("protocol", "solver", "emulator", "host", "hil", "view", "cli")
+ROOMS = ("protocol", "solver", "emulator", "host", "hil", "feel", "view", "cli")
 BESIDE = ("benchmarks", "docs", "examples", "mutants", "reference", "tests")
 ALONE = {"CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md", "pyproject.toml"}
 

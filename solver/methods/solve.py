@@ -140,6 +140,38 @@ class Solver:
         drive = self._engine.drive(points, checked_ids(points, ids))
         return Solution(frozen(drive.astype(np.complex128)), self.array, points, self.medium, self.method)
 
+    def follow(
+        self, positions: NDArray[np.float64], amplitudes: NDArray[np.float64], ids: NDArray[np.int64] | None = None
+    ) -> NDArray[np.complex64]:
+        """Find the drives for points in motion, each frame beginning with the phases of the one before.
+
+        Parameters
+        ----------
+        positions : (k, m, 3) float
+            In metres, in each of k frames.
+        amplitudes : (m,) float
+            Relative to each other.
+        ids : (m,) int64, optional
+            As for `solve`.
+
+        Returns
+        -------
+        (k, n) complex64
+            Drives.
+
+        Raises
+        ------
+        ValueError
+            As `solve`.
+        """
+        points = ControlPoints(positions[0], amplitudes)
+        check_size(self.array, points, self.method)
+        names = checked_ids(points, ids)
+        drives = np.empty((len(positions), len(self.array)), np.complex64)
+        for frame, places in enumerate(positions):
+            drives[frame] = self._engine.drive(ControlPoints.trusted(places, points.amplitudes), names)
+        return drives
+
     def forget(self) -> None:
         """Begin the next frame from scratch, as the first."""
         self._engine.forget()

@@ -38,19 +38,31 @@ class Curve:
         From (k,) arc lengths to (k, 3) positions, both in metres.
     sides : int
         Into how many congruent sides it falls; points are spread alike over all of them.
+    corners : tuple of float
+        Arc lengths of its vertices, in metres, if it has some.
     """
 
     length: float
     closed: bool
     at: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     sides: int = 1
+    corners: tuple[float, ...] = ()
 
     def placed(self, matrix: NDArray[np.float64], offset: NDArray[np.float64]) -> Curve:
         """The same curve, its points x at ``matrix @ x + offset``; the matrix turns and scales alone."""
         factor = float(np.cbrt(np.linalg.det(matrix)))
         return Curve(
-            factor * self.length, self.closed, lambda arc: self.at(arc / factor) @ matrix.T + offset, self.sides
+            factor * self.length,
+            self.closed,
+            lambda arc: self.at(arc / factor) @ matrix.T + offset,
+            self.sides,
+            tuple(factor * corner for corner in self.corners),
         )
+
+    def polyline(self, step: float) -> NDArray[np.float64]:
+        """Vertices along the curve, (k, 3), at most ``step`` metres apart, its corners among them."""
+        even = np.linspace(0.0, self.length, max(2, math.ceil(self.length / step) + 1))
+        return self.at(np.union1d(even, self.corners))
 
 
 def ring(x: float, y: float, height: float, radius: float, start: float = 0.0) -> Curve:
@@ -93,7 +105,7 @@ def chain(vertices: ArrayLike, *, closed: bool = False, sides: int = 1) -> Curve
     def at(arc: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.stack([np.interp(arc, reached, corners[:, axis]) for axis in range(3)], axis=1)
 
-    return Curve(length, closed, at, sides)
+    return Curve(length, closed, at, sides, tuple(reached.tolist()))
 
 
 def even_spacing(curves: Sequence[Curve], count: int) -> float:

@@ -1,0 +1,302 @@
+"""Four ways to render what should be felt, with the parameters that the literature recommends.
+
+========== ===============================================================================================
+am         all points at once; their strength rises and falls (amplitude modulation)
+two-sided  the points in two halves that take turns, the paper's section 3.4
+lm         all points at once; each moves to and fro along its line (lateral modulation)
+stm        one focus, or few, draws the lines, round after round (spatio-temporal modulation)
+========== ===============================================================================================
+
+A way turns an `Outline` into a `Cycle` of drives.
+
+Force follows the intensity, which is the square of a drive. So the envelope ``sine`` is the signed root of a sine: the
+intensity is then a sine about its mean at every place, and no harmonic of it can be heard. ``square`` is the paper's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import check_number
+from ..methods.modulation import FREQUENCY
+from ..methods.solve import Solver
+from ..methods.two_sided import TwoSidedSolver
+from ..shapes.notation import READERS, UNITS, read_parameters, written
+from .cycle import Cycle, timing
+from .outline import Outline
+
+__all__ = [
+    "WAYS",
+    "Amplitude",
+    "Halves",
+    "Lateral",
+    "Solvers",
+    "Spatiotemporal",
+    "Way",
+    "chosen",
+    "parse_way",
+    "way_help",
+]
+
+Envelope = Literal["sine", "square"]
+
+LOWEST, HIGHEST = 0.01, 1000.0
+"""Of a frequency, in hertz."""
+SPEEDS = 0.01, 50.0
+"""In m/s."""
+POINT = 5e-3
+"""An outline shorter than this, in metres, is felt as a point: a focus is 9 mm wide."""
+DRAWN = 0.02, 0.2
+"""Lengths in metres of a line that one focus draws 35 to 350 times a second at 7 m/s, where skin feels best."""
+
+
+class Solvers(NamedTuple):
+    """Whatever a way needs to find drives.
+
+    Parameters
+    ----------
+    one : Solver
+        For all points at once, frame after frame.
+    two : TwoSidedSolver
+        For their halves.
+    most_frames : int
+        Drives of a cycle, at most.
+    """
+
+    one: Solver
+    two: TwoSidedSolver
+    most_frames: int
+
+    @property
+    def carrier(self) -> float:
+        """In hertz."""
+        return self.one.medium.frequency
+
+
+class Way(Protocol):
+    """A way of rendering, with its parameters."""
+
+    name: ClassVar[str]
+
+    def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
+        """The drives of one cycle."""
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """Amplitude modulation.
+
+    Parameters
+    ----------
+    frequency : float
+        Of the intensity, in hertz; skin feels 200 to 250 Hz best.
+    envelope : {"sine", "square"}
+        Of the intensity.
+    """
+
+    frequency: float = FREQUENCY
+    envelope: Envelope = "sine"
+
+    name: ClassVar[str] = "am"
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check_envelope(self)
+
+    def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
+        """One drive, turned up and down."""
+        drive = solvers.one.solve(outline.points, outline.ids).drive
+        return _alternating(drive, np.zeros_like(drive), self, solvers)
+
+
+@dataclass(frozen=True)
+class Halves:
+    """Two-sided modulation, the paper's section 3.4: the array never rests.
+
+    Parameters
+    ----------
+    frequency : float
+        At which the halves take turns, in hertz.
+    envelope : {"sine", "square"}
+        Of the intensity. ``sine`` costs about 4 dB of the force's change against ``square``, because both fields at a
+        time must not drive a transducer beyond its limit, and a sine has 2 dB less than a square wave.
+    """
+
+    frequency: float = FREQUENCY
+    envelope: Envelope = "sine"
+
+    name: ClassVar[str] = "two-sided"
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check_envelope(self)
+
+    def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
+        """Two drives that take turns."""
+        first, second = solvers.two.solve(outline.points, outline.ids).drives
+        return _alternating(first, second, self, solvers)
+
+
+@dataclass(frozen=True)
+class Lateral:
+    """Lateral modulation: foci move to and fro along their lines, and stay on all the time.
+
+    Parameters
+    ----------
+    frequency : float
+        In hertz. At 10 to 200 Hz it is felt more strongly than amplitude modulation of the same peak pressure
+        (Takahashi, Hasegawa and Shinoda, IEEE Trans. Haptics 13, 334, 2020). At 5 to 15 Hz, with steps below a
+        millimetre, it is felt as steady pressure (Morisaki, Fujiwara, Makino and Shinoda, IEEE Trans. Haptics 15, 441,
+        2022).
+    reach : float
+        How far a focus moves to either side, in metres.
+    """
+
+    frequency: float = 50.0
+    reach: float = 3e-3
+
+    name: ClassVar[str] = "lm"
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check(self, "frequency", LOWEST, HIGHEST)
+        _check(self, "reach", 1e-4, 0.05)
+
+    def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
+        """A drive for each place of the foci."""
+        count, hold = timing(self.frequency, solvers.most_frames, solvers.carrier)
+        swing = self.reach * np.sin(2 * np.pi * (np.arange(count) + 0.5) / count)
+        places = outline.points.positions + swing[:, None, None] * outline.tangents
+        drives = solvers.one.follow(places, outline.points.amplitudes, outline.ids)
+        return Cycle(drives, hold, carrier=solvers.carrier)
+
+
+@dataclass(frozen=True)
+class Spatiotemporal:
+    """Spatio-temporal modulation: foci draw the lines.
+
+    Parameters
+    ----------
+    speed : float
+        In m/s. Lines are felt best at 5 to 8 m/s, near the speed of waves on skin, so that these add up (Frier et al.,
+        Using spatiotemporal modulation to draw tactile patterns in mid-air, EuroHaptics 2018).
+    foci : int
+        That draw at a time, evenly spread: the fewer there are, the stronger is each.
+    pause : float
+        Seconds for which a focus rests at corners, so that they can be felt (Hajas et al., Mid-air haptic rendering of
+        2D geometric shapes with a dynamic tactile pointer, IEEE Trans. Haptics 13, 806, 2020: 0.3 s, of a slow one).
+    modulation : float
+        Frequency in hertz of an amplitude modulation on top, without which a slow focus is hardly felt; 0 for none.
+    """
+
+    speed: float = 7.0
+    foci: int = 1
+    pause: float = 0.0
+    modulation: float = 0.0
+
+    name: ClassVar[str] = "stm"
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check(self, "speed", *SPEEDS)
+        _check(self, "foci", 1, 16)
+        _check(self, "pause", 0, 10)
+        if self.modulation:
+            _check(self, "modulation", LOWEST, HIGHEST)
+
+    def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
+        """A drive for each place of the foci; a point has no line to draw, so it is moved as by `Lateral`."""
+        if outline.length < POINT:
+            return Lateral().cycle(outline, solvers)
+        frequency = 1 / max(outline.round_trip(self.speed, self.pause), 1 / HIGHEST)
+        count, hold = timing(frequency, solvers.most_frames, solvers.carrier)
+        line = outline.walk(count, self.speed, self.pause)
+        shifts = np.arange(self.foci) * count // self.foci
+        places = line[(np.arange(count)[:, None] + shifts) % count]
+        drives = solvers.one.follow(places, np.ones(self.foci))
+        return Cycle(drives, hold, self.modulation, solvers.carrier)
+
+
+WAYS: dict[str, type[Any]] = {way.name: way for way in (Amplitude, Halves, Lateral, Spatiotemporal)}
+"""Ways by name: dataclasses that are a `Way`."""
+AUTO = "auto"
+UNITS |= {
+    "frequency": ("Hz", "hertz", HIGHEST),
+    "modulation": ("Hz", "hertz", HIGHEST),
+    "speed": ("m/s", "metres per second", SPEEDS[1]),
+    "pause": ("s", "seconds", 10.0),
+}
+
+
+def chosen(outline: Outline) -> Way:
+    """The way that ``auto`` means.
+
+    A point is moved to and fro. A single line of 20 to 200 mm is drawn by one focus, which then passes 35 to 350 times
+    a second. All else, such as the several arcs of a hand on an object, is two-sided.
+    """
+    if outline.length < POINT and len(outline.points) == 1:
+        return Lateral()
+    if len(outline.strokes) == 1 and DRAWN[0] <= outline.length <= DRAWN[1]:
+        return Spatiotemporal()
+    return Halves()
+
+
+def parse_way(text: str) -> Way | None:
+    """Read a way such as ``stm`` or ``am:frequency=100,envelope=square``; None for ``auto``.
+
+    Raises
+    ------
+    ValueError
+        If the way or a parameter is unknown, or a value is wrong; the message names it.
+    """
+    name, _, parameters = text.partition(":")
+    if text == AUTO:
+        return None
+    if name not in WAYS:
+        raise ValueError(f"unknown way of rendering {name!r}; known are {AUTO}, {', '.join(WAYS)}")
+    way: Way = WAYS[name](**read_parameters(name, parameters, WAYS[name]))
+    return way
+
+
+def way_help() -> str:
+    """One line for each way: its name and its parameters with their defaults."""
+    return "\n".join(f"{name}:{written(way)}" for name, way in WAYS.items())
+
+
+def _alternating(first: NDArray[Any], second: NDArray[Any], way: Amplitude | Halves, solvers: Solvers) -> Cycle:
+    """Two drives in turn, by the envelope of a way.
+
+    The signed roots cos(πft) and sin(πft) take two periods of the modulation. The second drive is turned as a whole, so
+    that the array's total power stays the same all the time.
+    """
+    if way.envelope == "square":
+        hold = max(round(solvers.carrier / (2 * way.frequency)), 1)
+        return Cycle(np.stack([first, second]).astype(np.complex64), hold, carrier=solvers.carrier)
+    count, hold = timing(way.frequency / 2, solvers.most_frames, solvers.carrier)
+    overlap = np.vdot(first, second)
+    quadrature = 1j * np.conj(overlap) / abs(overlap) if abs(overlap) > 0 else 1.0
+    angle = 2 * np.pi * (np.arange(count) + 0.5)[:, None] / count
+    drives = np.cos(angle) * first + np.sin(angle) * quadrature * second
+    return Cycle((drives / max(1.0, np.abs(drives).max())).astype(np.complex64), hold, carrier=solvers.carrier)
+
+
+def _check_envelope(way: Amplitude | Halves) -> None:
+    _check(way, "frequency", LOWEST, HIGHEST)
+    if way.envelope not in get_args(Envelope):
+        raise ValueError(f"{way.name} envelope {way.envelope!r} must be one of {', '.join(get_args(Envelope))}")
+
+
+def _check(way: Way, name: str, low: float, high: float) -> None:
+    unit, units, _ = UNITS.get(name, ("m", "metres", math.inf))
+    value = getattr(way, name)
+    check_number(value, f"{way.name} {name}", units)
+    if not low <= value <= high:
+        raise ValueError(f"{way.name} {name} {value:g} {unit} must be from {low:g} to {high:g} {unit}")
+
+
+READERS["Envelope"] = (str, "sine or square")
