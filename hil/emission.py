@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 
 from ..emulator import Capture
 from ..emulator.ports.amplifier import Amplifier
-from ..protocol.board import CARRIER_HZ, CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, TICKS_PER_PERIOD
+from ..protocol.board import (
+    CARRIER_HZ,
+    CHANNELS,
+    CHANNELS_PER_PROCESSOR,
+    HALF_TICKS_PER_PERIOD,
+    MAX_WIDTH_TICKS,
+    PROCESSORS,
+    TICKS_PER_PERIOD,
+)
+from ..protocol.pulses import MODULATED_WIDTH
 from ..solver import TransducerArray
 from ..solver.acoustics.resonator import Resonator
 from .air import SETTLED
@@ -33,8 +42,15 @@ class EmittedWaves(NamedTuple):
     waves: NDArray[np.complex64]
     """Phasors at the beginning of each period, (t, n), after amplifier and resonance; 1 is full drive in the steady
     state. Time factor e^{-iωt}, ω of the carrier."""
-    duty: NDArray[np.float32]
-    """Share of each period in which the output is high, (t, n); 0 for transducers that are not connected."""
+    pulses: NDArray[np.complex64]
+    """What the square waves hold besides, (t, n), for sound below the carrier: the duty of each period, and as the
+    imaginary part the moment, ∫ (s − ½) ds over the part s of the period in which the output is high. 0 for transducers
+    that are not connected."""
+
+    @property
+    def duty(self) -> NDArray[np.float32]:
+        """Share of each period in which the output is high, (t, n)."""
+        return self.pulses.real
 
     def __repr__(self) -> str:
         return (
@@ -77,37 +93,40 @@ def emitted_waves(
     begin = -(-capture.start_tick // TICKS_PER_PERIOD)
     if not begin <= first <= last <= capture.periods:
         raise ValueError(f"periods {first} to {last} are not within the captured {begin} to {capture.periods}")
-    from .emission_kernels import count_high, ring_up  # importing numba takes half a second
+    from ..emulator.ports.raster import emit  # importing numba takes half a second
+    from .emission_kernels import measure, ring_up
 
     resonator = Resonator.of(array.transducer)
     resonance = resonator.enveloped(CARRIER_HZ, 1 / CARRIER_HZ)
     rate = (1 - resonance.decay) * resonance.gain * (amplifier or Amplifier()).gain
-    settling = math.ceil(SETTLED * resonator.time_constant * CARRIER_HZ)
     state = np.zeros((2, CHANNELS))
-    waves, duty = np.empty((last - first, CHANNELS), np.complex64), np.empty((last - first, CHANNELS), np.float32)
+    waves, pulses = np.empty((2, last - first, CHANNELS), np.complex64)
     columns = np.argsort(capture.wiring.channels).reshape(PROCESSORS, CHANNELS_PER_PROCESSOR)
-    deranged = [processor for processor, track in enumerate(capture.tracks) if track.deranged]
+    segments = [track.segments for track in capture.tracks]
+    slices = tuple(port.slices for port in segments)
+    settling = math.ceil(SETTLED * resonator.time_constant * CARRIER_HZ)
     early = capture.drives(max(begin, first - settling), first)
-    ring_up(early, resonance.decay, rate, _shares(), state, np.empty_like(early), np.empty(early.shape, np.float32))
+    ring_up(early, resonance.decay, rate, state, np.empty_like(early))
     for start in range(first, last, PERIODS_AT_A_TIME):
         stop = min(start + PERIODS_AT_A_TIME, last)
-        rows = slice(start - first, stop - first)
-        drives = capture.drives(start, stop)
-        ring_up(drives, resonance.decay, rate, _shares(), state, waves[rows], duty[rows])
-        if deranged:  # its bits are not whole pulses, whose widths the drives tell
-            words = capture.bits(start * TICKS_PER_PERIOD, stop * TICKS_PER_PERIOD)
-            for processor in deranged:
-                count_high(np.ascontiguousarray(words[:, processor]), columns[processor], duty[rows])
+        part = slice(start - first, stop - first)
+        ring_up(capture.drives(start, stop), resonance.decay, rate, state, waves[part])
+        rows, samples = map(np.stack, zip(*(port.rows(start, stop) for port in segments), strict=True))
+        emit(slices, rows, samples, np.ascontiguousarray(MODULATED_WIDTH), _pulses(), columns, pulses[part])
+        for track, its_columns, port in zip(capture.tracks, columns, range(PROCESSORS), strict=True):
+            if track.deranged:  # its bits are not the pulses that were sent
+                words = capture.bits(start * TICKS_PER_PERIOD, stop * TICKS_PER_PERIOD)
+                measure(np.ascontiguousarray(words[:, port]), its_columns, pulses[part])
     for number, tick in capture.open_since.items():
-        duty[max(tick // TICKS_PER_PERIOD - first, 0) :, number] = 0
-    return EmittedWaves(first, waves, duty)
+        pulses[max(tick // TICKS_PER_PERIOD - first, 0) :, number] = 0
+    return EmittedWaves(first, waves, pulses)
 
 
 @cache
-def _shares() -> NDArray[np.float32]:
-    """The duty of a pulse by the square of its drive, sin²(π·duty), in the steps of `ring_up`."""
-    from .emission_kernels import SQUARES
-
-    squares = np.arange(SQUARES + 1) / SQUARES
-    width = np.rint(TICKS_PER_PERIOD / np.pi * np.arcsin(np.sqrt(squares)))
-    return (width / TICKS_PER_PERIOD).astype(np.float32)
+def _pulses() -> NDArray[np.complex64]:
+    """Duty and moment of a pulse of each phase and width, (100, 26), from its bits (clause PUL-004)."""
+    phase, width = np.mgrid[:HALF_TICKS_PER_PERIOD, : MAX_WIDTH_TICKS + 1][..., None]
+    ticks = np.arange(TICKS_PER_PERIOD)
+    high = (ticks - ((phase - width) >> 1)) % TICKS_PER_PERIOD < width
+    factors = 1 + 1j * ((ticks + 0.5) / TICKS_PER_PERIOD - 0.5)
+    return np.asarray(high @ factors / TICKS_PER_PERIOD, np.complex64)

@@ -38,10 +38,11 @@ def tune(scrambled: Wiring) -> tuple[int, Capture]:
         return played(emulator, 700, 3)
 
 
-def high(capture: Capture, first: int, last: int) -> NDArray[np.float64]:
-    """The duty of each output, one tick after the other."""
-    ticks = capture.channels(first * 50, last * 50).reshape(last - first, 50, 320)
-    return np.asarray(ticks.mean(axis=1)[:, capture.wiring.channels])
+def measured(capture: Capture, first: int, last: int) -> NDArray[np.complex128]:
+    """Duty and moment of each output, one tick after the other."""
+    ticks = capture.channels(first * 50, last * 50).reshape(last - first, 50, 320)[:, :, capture.wiring.channels]
+    middles = (np.arange(50) + 0.5) / 50 - 0.5
+    return np.asarray(np.einsum("ptq,t->pq", ticks, 1 + 1j * middles) / 50)
 
 
 def test_a_pressure_is_the_sum_of_the_waves_a_delay_ago(array: TransducerArray, tune: tuple[int, Capture]) -> None:
@@ -82,7 +83,7 @@ def test_a_stretch_remembers_what_was_before_it(array: TransducerArray, tune: tu
     )
     assert later.first == begin + 600
     np.testing.assert_allclose(later.waves, whole.waves[600:], atol=1e-6)
-    np.testing.assert_array_equal(later.duty, whole.duty[600:])
+    np.testing.assert_array_equal(later.pulses, whole.pulses[600:])
 
 
 def test_a_capture_that_has_forgotten_its_beginning_begins_at_rest(array: TransducerArray) -> None:
@@ -100,14 +101,15 @@ def test_a_capture_that_has_forgotten_its_beginning_begins_at_rest(array: Transd
         emitted_waves(capture, array, first - 1, first)
 
 
-def test_duty_is_that_of_the_bits(array: TransducerArray, tune: tuple[int, Capture]) -> None:
+def test_duty_and_moment_are_those_of_the_bits(array: TransducerArray, tune: tuple[int, Capture]) -> None:
     begin, capture = tune
     emitted = emitted_waves(capture, array, begin - 5, begin + 40)
-    np.testing.assert_allclose(emitted.duty, high(capture, begin - 5, begin + 40), atol=1e-7)
-    assert not emitted.duty[:5].any()
+    np.testing.assert_allclose(emitted.pulses, measured(capture, begin - 5, begin + 40), atol=1e-7)
+    assert not emitted.pulses[:5].any()
+    assert np.ptp(emitted.pulses.imag) > 0.2
 
 
-def test_pins_that_are_held_and_clocks_that_are_wrong_have_the_duty_of_their_bits(
+def test_pins_that_are_held_and_clocks_that_are_wrong_have_the_duty_and_moment_of_their_bits(
     array: TransducerArray, scrambled: Wiring
 ) -> None:
     with Emulator(scrambled, clock_offset_ticks={2: 13}) as emulator:
@@ -118,9 +120,9 @@ def test_pins_that_are_held_and_clocks_that_are_wrong_have_the_duty_of_their_bit
         )
         begin, capture = played(emulator, 400, 7)
     emitted = emitted_waves(capture, array, begin, begin + 400)
-    expected = high(capture, begin, begin + 400)
+    expected = measured(capture, begin, begin + 400)
     expected[max(150 - begin, 0) :, 3] = 0
-    np.testing.assert_allclose(emitted.duty, expected, atol=1e-7)
+    np.testing.assert_allclose(emitted.pulses, expected, atol=1e-7)
     stuck = int(np.flatnonzero(scrambled.channels == 5 * 32 + 7)[0])
     assert (emitted.duty[150 - begin :, stuck] == 1).all()
     for silent in (stuck, 3):  # neither direct voltage nor an open transducer makes a wave
