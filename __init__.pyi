@@ -2,6 +2,7 @@
 
 from . import emulator as emulator
 from . import errors as errors
+from . import feel as feel
 from . import hil as hil
 from . import host as host
 from . import protocol as protocol
@@ -36,16 +37,19 @@ from .solver import Asterisk as Asterisk
 from .solver import Circle as Circle
 from .solver import Concentric as Concentric
 from .solver import ControlPoints as ControlPoints
+from .solver import Cycle as Cycle
 from .solver import FocusReport as FocusReport
 from .solver import Grid as Grid
 from .solver import Hand as Hand
 from .solver import Medium as Medium
 from .solver import Mesh as Mesh
 from .solver import Modulation as Modulation
+from .solver import Outline as Outline
 from .solver import PlaneField as PlaneField
 from .solver import PlanePropagator as PlanePropagator
 from .solver import Polygon as Polygon
 from .solver import Polyline as Polyline
+from .solver import Renderer as Renderer
 from .solver import Rings as Rings
 from .solver import Shape as Shape
 from .solver import Solution as Solution
@@ -73,6 +77,7 @@ from .solver import read_points as read_points
 from .solver import read_transducers as read_transducers
 from .solver import read_volume_mesh as read_volume_mesh
 from .solver import relative_level as relative_level
+from .solver import render as render
 from .solver import sample_cut as sample_cut
 from .solver import sample_plane as sample_plane
 from .solver import sample_volume as sample_volume

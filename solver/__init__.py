@@ -44,6 +44,11 @@ from .objects.mesh_files import read_mesh
 from .objects.volumes import read_volume_mesh
 from .pictures.picture import compare_fields, save_field_picture
 from .pictures.vti import save_vti
+from .rendering.cycle import Cycle
+from .rendering.outline import Outline
+from .rendering.quiet import Completion, Quieting, Rates, quieted
+from .rendering.renderer import Renderer, render
+from .rendering.ways import WAYS, parse_way
 from .shapes.point_files import read_points
 from .shapes.points import ControlPoints
 from .shapes.shapes import Asterisk, Circle, Concentric, Polygon, Polyline, Rings, Shape, Sphere, Star, parse_shape
@@ -54,11 +59,14 @@ __all__ = [
     "MODELS",
     "QUANTITIES",
     "TRANSDUCERS",
+    "WAYS",
     "Aperture",
     "Asterisk",
     "Circle",
+    "Completion",
     "Concentric",
     "ControlPoints",
+    "Cycle",
     "Field",
     "Focus",
     "FocusReport",
@@ -73,11 +81,15 @@ __all__ = [
     "Null",
     "Oil",
     "Options",
+    "Outline",
     "PlaneField",
     "PlanePropagator",
     "Polygon",
     "Polyline",
     "Problem",
+    "Quieting",
+    "Rates",
+    "Renderer",
     "ResidualTable",
     "Resonator",
     "Rings",
@@ -103,13 +115,16 @@ __all__ = [
     "load_solution",
     "oil_surface",
     "parse_shape",
+    "parse_way",
     "pressure",
+    "quieted",
     "radiation_pressure",
     "read_mesh",
     "read_points",
     "read_transducers",
     "read_volume_mesh",
     "relative_level",
+    "render",
     "residual",
     "sample_cut",
     "sample_plane",

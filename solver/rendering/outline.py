@@ -28,6 +28,8 @@ STEP = 1e-3
 """Distance in metres between vertices of a curve: far less than a focus resolves."""
 JUMP = 2.5
 """Points whose distance is more than this many times the usual one, and `SPACING`, are on different strokes."""
+WIDEST_GAP = 3 * SPACING
+"""Points farther apart than this, in metres, make no line."""
 CORNER = math.radians(30)
 """Turn of a stroke from which on it has a corner there."""
 
@@ -149,7 +151,7 @@ def _chains(points: ControlPoints) -> Iterator[Line]:
     """Polylines through points in their order; nulls are no part of them."""
     places = points.positions[points.amplitudes > 0]
     gaps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    usual = max(JUMP * float(np.median(gaps)), SPACING) if len(gaps) else SPACING
+    usual = min(max(JUMP * float(np.median(gaps)), SPACING), WIDEST_GAP) if len(gaps) else SPACING
     for chain in np.split(places, np.flatnonzero(gaps > usual) + 1):
         closes = len(chain) > 2 and np.linalg.norm(chain[-1] - chain[0]) <= usual
         yield np.concatenate([chain, chain[:1]]) if closes else chain

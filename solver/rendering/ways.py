@@ -230,6 +230,7 @@ UNITS |= {
     "modulation": ("Hz", "hertz", HIGHEST),
     "speed": ("m/s", "metres per second", SPEEDS[1]),
     "pause": ("s", "seconds", 10.0),
+    "foci": ("", "foci", 16.0),
 }
 
 
@@ -296,7 +297,8 @@ def _check(way: Way, name: str, low: float, high: float) -> None:
     value = getattr(way, name)
     check_number(value, f"{way.name} {name}", units)
     if not low <= value <= high:
-        raise ValueError(f"{way.name} {name} {value:g} {unit} must be from {low:g} to {high:g} {unit}")
+        after = f" {unit}" if unit else ""
+        raise ValueError(f"{way.name} {name} {value:g}{after} must be from {low:g} to {high:g}{after}")
 
 
 READERS["Envelope"] = (str, "sine or square")
