@@ -11,8 +11,8 @@ The path of one update::
     pressure(array, …)     pascals         what arrives
 
 Every length is in metres, every angle in degrees; ``80 * mm`` and its like make SI of other units. Files are named by
-text or by a `Path`. The rooms ``solver``, ``host``, ``protocol``, ``emulator``, ``feel``, ``hil`` and ``view`` have more
-names.
+text or by a `Path`. The rooms ``solver``, ``host``, ``protocol``, ``emulator``, ``feel``, ``hil`` and ``view`` have
+more names.
 """
 
 import sys

@@ -418,7 +418,7 @@ def test_a_packet_holds_as_many_records_as_fit(bench: Bench) -> None:
 
 
 @dataclass(frozen=True)
-class Way:
+class Restart:
     """A way to begin a new session (clause USB-026)."""
 
     name: str
@@ -454,11 +454,11 @@ def reset_bus(bench: Bench) -> None:
 
 
 WAYS = [
-    Way("set-configuration-1", set_configuration, True),
-    Way("set-configuration-0", set_configuration_twice, True),
-    Way("set-interface", set_interface, False),
+    Restart("set-configuration-1", set_configuration, True),
+    Restart("set-configuration-0", set_configuration_twice, True),
+    Restart("set-interface", set_interface, False),
 ]
-BUS_RESET = Way("bus-reset", reset_bus, True)
+BUS_RESET = Restart("bus-reset", reset_bus, True)
 each_way = pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
 CLAUSES = ("USB-003", "USB-016", "USB-026", "STA-003")
 
@@ -488,7 +488,7 @@ def check_plays_on(status: Status, first: Ack, second: Ack) -> None:
     expect("what plays since", status.since_period, first.commit_period)
 
 
-def check_outputs_are_turned_off(bench: Bench, way: Way) -> None:
+def check_outputs_are_turned_off(bench: Bench, way: Restart) -> None:
     """Nothing plays or waits afterwards, changes are refused, and no count begins again."""
     _, queued = play_and_queue(bench)
     before = bench.status()
@@ -510,7 +510,7 @@ def check_outputs_are_turned_off(bench: Bench, way: Way) -> None:
 
 @case(*CLAUSES, line="usb")
 @each_way
-def test_a_new_session_turns_the_outputs_off(bench: Bench, way: Way) -> None:
+def test_a_new_session_turns_the_outputs_off(bench: Bench, way: Restart) -> None:
     """SET_CONFIGURATION and SET_INTERFACE turn the outputs off and empty the queue, because the host may be another."""
     check_outputs_are_turned_off(bench, way)
 
@@ -521,7 +521,7 @@ def test_a_bus_reset_turns_the_outputs_off(bench: Bench) -> None:
     check_outputs_are_turned_off(bench, BUS_RESET)
 
 
-def check_outputs_are_silent(bench: Bench, way: Way) -> None:
+def check_outputs_are_silent(bench: Bench, way: Restart) -> None:
     """All outputs are low from six periods after it on."""
     play_and_queue(bench)
     way.go(bench)
@@ -531,7 +531,7 @@ def check_outputs_are_silent(bench: Bench, way: Way) -> None:
 
 @case("USB-003", "USB-016", "STA-001", needs=(Need.CAPTURE,), line="usb")
 @each_way
-def test_a_new_session_silences_the_outputs(bench: Bench, way: Way) -> None:
+def test_a_new_session_silences_the_outputs(bench: Bench, way: Restart) -> None:
     """All outputs are low within six periods of a new session, whatever was queued."""
     check_outputs_are_silent(bench, way)
 
@@ -555,7 +555,7 @@ def test_a_bus_reset_silences_the_outputs(bench: Bench) -> None:
     check_outputs_are_silent(bench, BUS_RESET)
 
 
-def check_unattended_ends(bench: Bench, way: Way) -> None:
+def check_unattended_ends(bench: Bench, way: Restart) -> None:
     """An unattended sequence ends."""
     store_sequence(bench)
     without_watchdog(bench)
@@ -572,7 +572,7 @@ def check_unattended_ends(bench: Bench, way: Way) -> None:
 
 @case("USB-003", "USB-016", "SAF-005", features=Feature.UNATTENDED, line="usb")
 @each_way
-def test_a_new_session_ends_what_plays_unattended(bench: Bench, way: Way) -> None:
+def test_a_new_session_ends_what_plays_unattended(bench: Bench, way: Restart) -> None:
     """An unattended sequence ends when a host begins a session, because that host does not know of it."""
     check_unattended_ends(bench, way)
 
@@ -583,7 +583,7 @@ def test_a_bus_reset_ends_what_plays_unattended(bench: Bench) -> None:
     check_unattended_ends(bench, BUS_RESET)
 
 
-def check_records_are_dropped(bench: Bench, way: Way) -> None:
+def check_records_are_dropped(bench: Bench, way: Restart) -> None:
     """Nothing that waited on 81 IN comes, nor a status record of the new session."""
     leave_records(bench, 5)
     let_watchdog_fire(bench)
@@ -595,7 +595,7 @@ def check_records_are_dropped(bench: Bench, way: Way) -> None:
 
 @case("USB-003", "USB-016", "USB-026", line="usb")
 @each_way
-def test_a_new_session_drops_the_records_that_wait(bench: Bench, way: Way) -> None:
+def test_a_new_session_drops_the_records_that_wait(bench: Bench, way: Restart) -> None:
     """Records that were not fetched are dropped when a session begins; otherwise the host takes them for its own."""
     check_records_are_dropped(bench, way)
 
@@ -606,7 +606,7 @@ def test_a_bus_reset_drops_the_records_that_wait(bench: Bench) -> None:
     check_records_are_dropped(bench, BUS_RESET)
 
 
-def check_numbering_begins_anew(bench: Bench, way: Way) -> None:
+def check_numbering_begins_anew(bench: Bench, way: Restart) -> None:
     """An old number is accepted, without a gap, and the next numbers are judged by it."""
     start = bench.must(NoOp()).sequence
     expect("the reason for an old number", bench.send(NoOp(), number=(start - 1000) % 2**32).reason, Reason.SEQUENCE)
@@ -624,7 +624,7 @@ def check_numbering_begins_anew(bench: Bench, way: Way) -> None:
 
 @case("NUM-004", "USB-026", line="usb")
 @each_way
-def test_a_new_session_accepts_any_number(bench: Bench, way: Way) -> None:
+def test_a_new_session_accepts_any_number(bench: Bench, way: Restart) -> None:
     """The first block of a session is accepted with any number, and the numbering begins with it."""
     check_numbering_begins_anew(bench, way)
 
@@ -641,7 +641,7 @@ def store_sequence(bench: Bench) -> None:
     bench.must(Entries((Entry(0, 40),)))
 
 
-def check_what_stays(bench: Bench, way: Way) -> None:
+def check_what_stays(bench: Bench, way: Restart) -> None:
     """What is stored can be played, and the watchdog time and the drive limit are unchanged."""
     limit = bench.drive_limit - 1
     bench.order(Request.WATCHDOG, 12_345)
@@ -664,7 +664,7 @@ def check_what_stays(bench: Bench, way: Way) -> None:
 
 @case("USB-026", "BLK-013", line="usb")
 @each_way
-def test_what_is_stored_stays_over_a_new_session(bench: Bench, way: Way) -> None:
+def test_what_is_stored_stays_over_a_new_session(bench: Bench, way: Restart) -> None:
     """Slots, entries, samples, watchdog time and drive limit survive, for a host that opens the device again."""
     check_what_stays(bench, way)
 
@@ -731,7 +731,7 @@ def test_set_interface_of_others_leaves_the_array_alone(bench: Bench, interface:
 
 @case("USB-003", "SER-016", features=Feature.CONSOLE, line="usb")
 @each_way
-def test_a_new_session_turns_off_what_another_door_enabled(bench: Bench, way: Way) -> None:
+def test_a_new_session_turns_off_what_another_door_enabled(bench: Bench, way: Restart) -> None:
     """Outputs that were enabled through the console are turned off too, because the device has one state."""
     bench.serial.wire.hang_up()
     bench.serial.enter_frames()
