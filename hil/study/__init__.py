@@ -1,0 +1,17 @@
+"""The paper's user study, simulated: hands explore objects, and a classifier answers by what skin could feel of them.
+
+A person (`persons`) explores an object; hands go the whole way to the bits of an emulated device (`trials`); the skin is
+moved by what these emit, and a noisy person notices some of it (`sensing`, `features`); a classifier that was trained on
+other persons answers (`judging`). `pointer` compares two ways to draw a flat shape on a palm. `running` does all of it.
+"""
+
+from __future__ import annotations
+
+from .judging import Confusion
+from .running import Study, run_study
+
+__all__ = ["Confusion", "Study", "run_study"]
+
+
+def __dir__() -> list[str]:
+    return __all__

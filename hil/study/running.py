@@ -1,0 +1,184 @@
+"""The whole study: all trials, the answers, and the controls that say how much of them comes from the field."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from ...solver import TransducerArray
+from ...solver.contact.mesh import Mesh
+from ...solver.contact.solids import SOLIDS
+from .features import picture_in_space
+from .judging import Confusion, judged
+from .persons import Person
+from .pointer import Pointer, run_pointer
+from .sensing import felt_on_hand, sensed
+from .trials import explored
+
+__all__ = ["PRACTISED", "SECONDS", "Study", "Trial", "run_study", "run_trial", "trials_of"]
+
+PRACTISED = "cone"
+"""The paper's participants practised with it, and knew that it would not be asked."""
+SECONDS = 3.0
+"""Of a trial: each axis is swept about once. People had minutes."""
+PERSONS, REPEATS, SEED = 12, 2, 0
+"""By default; the paper had 6 persons and 3 repeats."""
+POINTER_REPEATS = 6
+"""Of each flat shape, for each person and way."""
+
+
+class Trial(NamedTuple):
+    """One exploration."""
+
+    shape: str
+    """What the answer should be."""
+    mesh: str
+    """What is there."""
+    person: int
+    number: int
+    """Of the person's paths."""
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Answers of simulated persons, and of controls.
+
+    Parameters
+    ----------
+    felt : Confusion
+        Answers to the five shapes of the paper's test.
+    with_cone : Confusion
+        The same if the cone may be answered, too.
+    silent : Confusion
+        Answers if nothing is felt: only where the hand was.
+    shuffled : Confusion
+        Answers if the judge is trained and tested on labels in an order by chance.
+    pointer : dict of str to Pointer
+        A static outline against a moving pointer, by two judges; see `run_pointer`.
+    """
+
+    felt: Confusion
+    with_cone: Confusion
+    silent: Confusion
+    shuffled: Confusion
+    pointer: dict[str, Pointer]
+
+    def record(self) -> dict[str, Any]:
+        """The figures, for JSON."""
+        figures = {name: getattr(self, name).record() for name in ("felt", "with_cone", "silent", "shuffled")}
+        return figures | {"flat": {judge: answers.record() for judge, answers in self.pointer.items()}}
+
+
+def trials_of(persons: int, repeats: int, shapes: Sequence[str] = tuple(SOLIDS)) -> list[Trial]:
+    """Every person explores every shape so often, each time on a new path."""
+    return [
+        Trial(shape, shape, person, number * len(shapes) + place)
+        for person in range(persons)
+        for number in range(repeats)
+        for place, shape in enumerate(shapes)
+    ]
+
+
+def run_trial(trial: Trial, seed: int, seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The features of a trial, and those if nothing had been felt."""
+    array = TransducerArray.grid()
+    path = Person.drawn(trial.person, seed).explores(trial.number)
+    played = explored(getattr(Mesh, trial.mesh)(), path, seconds, array)
+    levels, skin = felt_on_hand(played, path, array)
+    chance = [np.random.default_rng([seed, trial.person, trial.number, 1]) for _ in range(2)]
+    with_field, without = (
+        picture_in_space(sensed(each, skin, path, own)) for each, own in zip((levels, 0 * levels), chance, strict=True)
+    )
+    return with_field, without
+
+
+def run_study(
+    persons: int = PERSONS,
+    repeats: int = REPEATS,
+    seed: int = SEED,
+    *,
+    seconds: float = SECONDS,
+    processes: int = 1,
+    on_trial: Callable[[int, int], None] | None = None,
+) -> Study:
+    """Run the study.
+
+    Parameters
+    ----------
+    persons : int
+        At least two: a judge is tested on persons that it does not know.
+    repeats : int
+        How often each explores each of the six shapes.
+    seed : int
+        The same seed gives the same answers.
+    seconds : float
+        Of each exploration.
+    processes : int
+        That share the trials.
+    on_trial : callable, optional
+        Is called with the number of trials that are done, and of all.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two persons, or no trials.
+    MissingExtraError
+        If scikit-learn is not installed.
+    """
+    if persons < 2 or repeats < 1:
+        raise ValueError(f"{persons} persons, {repeats} repeats: a study needs at least 2 persons and 1 repeat")
+    trials = trials_of(persons, repeats)
+    with_field, without = zip(*_run_all(trials, seed, seconds, processes, on_trial), strict=True)
+    presented = [trial.shape for trial in trials]
+    who = [trial.person for trial in trials]
+
+    def confusion(features: Sequence[NDArray[np.float64]], labels: Sequence[str], answers: Sequence[str]) -> Confusion:
+        said = judged(np.stack(features), labels, who, answers=answers, seed=seed)
+        asked = [label != PRACTISED for label in labels]
+        return Confusion.of(*(np.asarray(each)[asked] for each in (labels, said, who)), answers)
+
+    tested = tuple(shape for shape in SOLIDS if shape != PRACTISED)
+    shuffled = np.random.default_rng([seed, len(trials)]).permutation(presented).tolist()
+    return Study(
+        confusion(with_field, presented, tested),
+        confusion(with_field, presented, (*tested, PRACTISED)),
+        confusion(without, presented, tested),
+        confusion(with_field, shuffled, tested),
+        run_pointer(persons, POINTER_REPEATS, seed),
+    )
+
+
+def _run_all(
+    trials: Sequence[Trial], seed: int, seconds: float, processes: int, on_trial: Callable[[int, int], None] | None
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """The features of all trials in their order."""
+    run = partial(run_trial, seed=seed, seconds=seconds)
+    with ExitStack() as stack:
+        if processes > 1:
+            pool = ProcessPoolExecutor(processes, get_context("spawn"), _begin_worker)
+            found: Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]] = stack.enter_context(pool).map(
+                run, trials
+            )
+        else:
+            stack.enter_context(threadpool_limits(1))
+            found = map(run, trials)
+        for number, features in enumerate(found, 1):
+            yield features
+            if on_trial is not None:
+                on_trial(number, len(trials))
+
+
+def _begin_worker() -> None:
+    """One thread for each process, and Ctrl-C for the first process only."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threadpool_limits(1)

@@ -1,0 +1,149 @@
+"""What a person could sense of a trial: where on the hand, how strong, and where the hand was, all of it noisy.
+
+The chain is physical up to the motion of the skin over the thresholds of touch (`feel`). What follows here is a person,
+in four numbers from the literature, which were set before any result was seen:
+
+- Place on the skin is blurred: a point is localised with a mean error of 8.5 mm (Wilson, Carter, Subramanian and
+  Brewster, CHI 2014), which is σ = 8.5 mm/√(π/2) along each axis.
+- Strength has a relative error of 0.2, Weber's fraction at 125 Hz (Forta, Morioka and Griffin, 2012), in each window
+  and cell of skin anew. What seems weaker than the threshold is not felt.
+- The unseen hand is somewhere else than it seems: joints of the arm are known to 0.6° to 1.1° (van Beers, Sittig and
+  Denier van der Gon, Exp. Brain Res. 122, 1998), so that a hand 0.6 m from the shoulder is known to 10 mm along each
+  axis. The error stays the same throughout a trial, as in people (Rincon-Gonzalez, Buneo and Helms Tillery, PLoS ONE 6,
+  2011).
+- Sensations are told apart in time if they are 50 ms apart, ten periods of the modulation.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...feel.perception import felt_map
+from ...feel.unfolding import SkinPlaces, Unfolded
+from ...protocol.board import CARRIER_HZ
+from ...solver import Medium, TransducerArray
+from ...solver.acoustics.propagation import arrivals
+from ...solver.fields.quantities import radiation_pressure
+from ..emission import emitted_waves
+from .persons import Exploration
+from .trials import Played
+
+__all__ = ["Cells", "Sensed", "blurred", "cells_of", "felt_on_hand", "noticed", "pushed", "sensed"]
+
+BLUR = 8.5e-3 / math.sqrt(math.pi / 2)
+WEBER = 0.2
+HAND_ERROR = 0.01
+WINDOW_SECONDS = 0.05
+
+SPACING = 4.5e-3
+"""Of places of skin, in metres: the intensity of this array's field changes no faster than over 9 mm across, because its
+waves meet at an angle whose sine is at most 0.5 on either side."""
+CELL = 0.01
+"""Side of the cells of skin within which places are not told apart, in metres: below the blur's width of 16 mm."""
+POSE_PERIODS = 320
+"""8 ms, about a frame of the tracker, in which the hand moves by less than 2 mm."""
+EVERY = 20
+"""Carrier periods between samples of the pressure: 2 kHz, as no channel of touch answers above 1 kHz."""
+
+
+class Cells(NamedTuple):
+    """Skin as a person tells it apart."""
+
+    owner: NDArray[np.int64]
+    """(k,) the cell of each place."""
+    mean: NDArray[np.float64]
+    """(c, k) takes the mean over each cell."""
+
+
+class Sensed(NamedTuple):
+    """What a person noticed in a trial."""
+
+    levels: NDArray[np.float64]
+    """(w, c) perceived intensity in each window and cell of skin, relative to the threshold; 0 if not felt."""
+    places: NDArray[np.float64]
+    """(w, c, 3) where the cells seemed to be, in metres."""
+
+
+def cells_of(skin: SkinPlaces) -> Cells:
+    """Squares of `CELL` on the laid-out skin."""
+    rows, columns = np.nonzero(skin.mask)
+    squares = np.stack([rows, columns], axis=1) * skin.spacing // CELL
+    owner = np.unique(squares, axis=0, return_inverse=True)[1].ravel()
+    mean = (owner == np.arange(owner.max() + 1)[:, None]).astype(np.float64)
+    return Cells(owner, mean / mean.sum(axis=1, keepdims=True))
+
+
+def blurred(levels: NDArray[np.float64], skin: SkinPlaces) -> NDArray[np.float64]:
+    """Levels (w, k) as mean over the skin around each place, weighed by the blur; beside the skin there is nothing."""
+    from scipy.ndimage import gaussian_filter
+
+    sigma = BLUR / skin.spacing
+    grid = np.zeros((len(levels), *skin.mask.shape))
+    grid[:, skin.mask] = levels
+    share = gaussian_filter(skin.mask.astype(np.float64), sigma)
+    spread = gaussian_filter(grid, (0, sigma, sigma))
+    return np.asarray((spread / np.maximum(share, 1e-12))[:, skin.mask])
+
+
+def noticed(levels: NDArray[np.float64], chance: np.random.Generator) -> NDArray[np.float64]:
+    """Levels with Weber's error; what is below the threshold is 0."""
+    noisy = levels * (1 + WEBER * chance.standard_normal(levels.shape))
+    return np.where(noisy >= 1, noisy, 0.0)
+
+
+def felt_on_hand(
+    played: Played, path: Exploration, array: TransducerArray, medium: Medium | None = None
+) -> tuple[NDArray[np.float64], Unfolded]:
+    """Perceived intensity of the skin of a moving hand, before any error of a person.
+
+    Returns
+    -------
+    levels : (w, k) float
+        In windows of 50 ms, relative to the threshold.
+    skin : Unfolded
+        The k places, on the hand at the origin.
+    """
+    medium = medium or Medium()
+    waves = emitted_waves(played.capture, array, played.first, played.last).waves
+    skin = Unfolded.of(path.hand, SPACING)
+    pressures = [
+        pushed(
+            array,
+            waves[start : start + POSE_PERIODS : EVERY],
+            skin.at(path.at((start + POSE_PERIODS / 2) / CARRIER_HZ)),
+            medium,
+        )
+        for start in range(0, len(waves), POSE_PERIODS)
+    ]
+    felt = felt_map(np.concatenate(pressures), skin, CARRIER_HZ / EVERY)
+    return felt.intensity_over_time(WINDOW_SECONDS), skin
+
+
+def pushed(
+    array: TransducerArray, waves: NDArray[np.complex64], skin: SkinPlaces, medium: Medium
+) -> NDArray[np.float32]:
+    """As `radiation_pressures`, by the compiled kernel of the transfer matrix: a moving hand needs a matrix per pose."""
+    positions, normals = skin.positions, skin.normals
+    squares = np.square(positions).sum(axis=1)[:, None] + np.square(array.positions).sum(axis=1)
+    distance = np.sqrt(squares - 2 * positions @ array.positions.T)
+    turns = medium.wavenumber / (2 * np.pi) * distance
+    phase = (2 * np.pi * (turns - np.floor(turns))).astype(np.float32)
+    towards = normals @ array.positions.T - np.einsum("ki,ki->k", normals, positions)[:, None]
+    matrix = arrivals(array, positions, medium)
+    matrix *= np.maximum(towards / distance, 0).astype(np.float32)
+    matrix *= np.cos(phase) + 1j * np.sin(phase)
+    arrived = matrix @ waves.T
+    return ((arrived.real**2 + arrived.imag**2) * np.float32(radiation_pressure(1.0, medium))).T
+
+
+def sensed(levels: NDArray[np.float64], skin: Unfolded, path: Exploration, chance: np.random.Generator) -> Sensed:
+    """What a person notices of levels (w, k) on the skin of an exploring hand."""
+    cells = cells_of(skin)
+    error = HAND_ERROR * chance.standard_normal(3)
+    times = (np.arange(len(levels)) + 0.5) * WINDOW_SECONDS
+    places = np.stack([cells.mean @ skin.at(path.at(time)).positions for time in times])
+    return Sensed(noticed(blurred(levels, skin) @ cells.mean.T, chance), places + error)
