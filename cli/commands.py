@@ -73,7 +73,7 @@ PANELS = {
     "Play": {
         "show": Home("playing", "Play one frame on a device, and leave its outputs off."),
         "stream": Home("playing", "Play frames one after the other at a rate, and leave the outputs off."),
-        "play": Home("playing", "Play a shape by two-sided modulation, which the device does from its memory."),
+        "play": Home("playing", "Play a shape modulated, which the device does from its memory."),
         "record": Home(
             "playing",
             "Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.",

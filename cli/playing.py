@@ -19,15 +19,16 @@ from rich.segment import ControlType
 
 from ..errors import DeviceError
 from ..host.lines.opening import DEFAULT_URL
+from ..host.playing.cycles import play_cycle
 from ..host.playing.device import Device, open_device
 from ..host.playing.envelopes import sine
-from ..host.playing.frames import beginning, differences, to_pulses
+from ..host.playing.frames import LoopedFrames, beginning, differences, to_pulses
 from ..host.playing.recording import SUFFIX, record
 from ..host.playing.streaming import LOOK_AHEAD_SECONDS, StreamReport
 from ..protocol.board import CARRIER_HZ
 from ..protocol.plain import plain
 from ..protocol.replies import Info
-from ..solver import Medium, TransducerArray, two_sided
+from ..solver import Medium, Renderer, TransducerArray
 from ..solver.methods.methods import METHODS
 from ..solver.shapes.point_files import POINT_FILES
 from ..storage import check_outputs
@@ -43,7 +44,8 @@ from .options import (
     load_calibration,
     note_where_fresh,
 )
-from .points import ArrayOption, files_in, load_array, read_source, shapes_and_files
+from .points import ArrayOption, files_in, load_array, read_outline, shapes_and_files
+from .rendering import RENDER_HELP, SQUARE, RenderOption
 from .sources import ARCHIVE, Source, check_options, frames_of, open_file, open_source
 from .viewing import ViewOption, viewed_device, watching
 
@@ -209,7 +211,17 @@ def show(
     )
 
 
-@commands.command(epilog="Example: phasewire stream circle:radius=0.02 --spin 5 --seconds 2")
+@commands.command(
+    epilog="Example: phasewire stream circle:radius=0.02 --spin 5 --seconds 2",
+    help=f"""Play frames one after the other at a rate, and leave the outputs off.
+
+Points are solved live, frame by frame; --spin moves them, and --render modulates them in another way. Standard input
+has a line of JSON for each frame: {{"positions": [[x, y, z], ...], "amplitudes": [...]}}, in m, the amplitudes
+optional. Its lines must come at the rate: each late one is an underrun, and without a line for the watchdog's time,
+0.1 s at power-up, the device turns its outputs off and the command ends with code 4. The time of an emulated device
+passes with the data that are sent to it, as fast as this computer allows.
+{RENDER_HELP}""",
+)
 def stream(
     context: typer.Context,
     source: SourceArgument,
@@ -222,6 +234,7 @@ def stream(
     modulation: Annotated[
         float, typer.Option(metavar="HZ", help="Frequency at which the device modulates the frames, or 0 for none.")
     ] = TACTILE_HZ,
+    render: RenderOption = None,
     look_ahead: Annotated[
         float, typer.Option(min=0, help="How long before its time a frame is sent, in s.")
     ] = LOOK_AHEAD_SECONDS,
@@ -233,28 +246,29 @@ def stream(
     view: ViewOption = False,
     json_target: JsonOption = None,
 ) -> None:
-    """Play frames one after the other at a rate, and leave the outputs off.
-
-    Points are solved live, frame by frame; --spin moves them. Standard input has a line of JSON for each frame:
-    {"positions": [[x, y, z], ...], "amplitudes": [...]}, in m, the amplitudes optional. Its lines must come at the
-    rate: each late one is an underrun, and without a line for the watchdog's time, 0.1 s at power-up, the device turns
-    its outputs off and the command ends with code 4. The time of an emulated device passes with the data that are sent
-    to it, as fast as this computer allows.
-    """
+    """Play frames at a rate; the help above has the details."""
     check_outputs([json_target], inputs=files_in(source))
     own = load_array(array)
-    envelope = sine(modulation) if modulation else None
+    envelope = sine(modulation) if modulation and render is None else None
     meter = Meter(error_console())
     with open_source(source) as what:
         check_options(context, source, what)
-        pace = rate or what.rate or RATE
+        if render is not None:
+            check_render(context, "modulation", "spin")
         with ExitStack() as stack:
             url, emulator = stack.enter_context(viewed_device(device, wanted=view))
             opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
             check_fit(source, what, opened.info)
             warn_of_differences(source, what.array, what.medium, opened.info)
             transducers = array_of(opened.info, own)
-            frames = frames_of(what, transducers, method, spin, pace)
+            if render is None:
+                pace = rate or what.rate or RATE
+                frames = frames_of(what, transducers, method, spin, pace)
+            else:
+                cycle = Renderer(transducers, render, method).render(read_outline(source))
+                pace = rate or CARRIER_HZ / cycle.hold
+                frames = LoopedFrames(cycle, pace, opened.calibration)
+                envelope = sine(cycle.envelope) if cycle.envelope else None
             most = None if forever else frames_in(what, seconds, pace)
             if most is not None:
                 frames = beginning(frames, most)
@@ -285,7 +299,15 @@ def stream(
     write_json(json_target, told | {"stream": plain(meter.last), "status": plain(status)})
 
 
-@commands.command(epilog="Example: phasewire play sphere:radius=0.04 --seconds 2")
+@commands.command(
+    epilog="Example: phasewire play circle:radius=0.03 --render stm --seconds 2",
+    help=f"""Play a shape modulated, which the device does from its memory.
+
+Without --render the points are split in two halves that alternate, so that the array never rests (the paper's section
+3.4). The frames of one cycle are stored; no more data are needed. With --unattended the device goes on by itself until
+`phasewire stop`, even unplugged from this computer if it has power of its own.
+{RENDER_HELP}""",
+)
 def play(
     context: typer.Context,
     source: Annotated[
@@ -305,23 +327,20 @@ def play(
     modulation: Annotated[
         float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points alternate.")
     ] = TACTILE_HZ,
+    render: RenderOption = None,
     method: MethodOption = "wgs",
     array: ArrayOption = None,
     calibration: CalibrationOption = None,
     view: ViewOption = False,
     json_target: JsonOption = None,
 ) -> None:
-    """Play a shape by two-sided modulation, which the device does from its memory.
-
-    The points are split in two halves that alternate, so that the array never rests (the paper's section 3.4). Two
-    frames are stored; no more data are needed. With --unattended the device goes on by itself until `phasewire stop`,
-    even unplugged from this computer if it has power of its own.
-    """
+    """Play a shape modulated; the help above has the details."""
     check_outputs([json_target], inputs=files_in(source))
     if unattended and (given(context, "forever") or given(context, "seconds")):
         raise ValueError("--unattended does not wait: --forever and --seconds have no effect with it; leave them out")
-    points = read_source(source)
-    own, corrected = load_array(array), load_calibration(calibration)
+    if render is not None:
+        check_render(context, "modulation")
+    outline, own, corrected = read_outline(source), load_array(array), load_calibration(calibration)
     if unattended and view:
         raise ValueError("--unattended does not wait for a page: leave out --view")
     if unattended:
@@ -331,12 +350,10 @@ def play(
         opened = open_device(url, calibration=corrected)
         stack.enter_context(leaving_on(opened) if unattended else opened)
         transducers = array_of(opened.info, own)
-        solution = two_sided(transducers, points, method=method, frequency=modulation)
+        way = render or f"{SQUARE},frequency={modulation}"
+        cycle = Renderer(transducers, way, method, most_frames=opened.info.slots).render(outline)
         watch = stack.enter_context(watching(opened, transducers, emulator, wanted=view))
-        drives, steps = solution.modulation.slots()
-        for slot, drive in enumerate(drives):
-            opened.store(slot, drive)
-        ack = opened.play(steps, unattended=unattended)
+        ack, steps = play_cycle(opened, cycle, unattended=unattended)
         turn = sum(periods for _, periods in steps)
         stop = command_for("stop", device)
         until = f"until {stop}" if unattended else "until Ctrl-C" if forever else f"for {seconds:g} s"
@@ -350,7 +367,7 @@ def play(
                 if watch is None:
                     opened.keep_playing(most)
                 else:
-                    watch.play(solution, most, ack.commit_period)
+                    watch.play(outline.points, steps, most, ack.commit_period)
         status = opened.status()
     if not unattended:
         said = "Stopped; the outputs are off."
@@ -371,7 +388,16 @@ def play(
     )
 
 
-@commands.command(name="record", epilog="Example: phasewire record circle --spin 5 --seconds 2 -o circle.frames")
+@commands.command(
+    name="record",
+    epilog="Example: phasewire record circle --spin 5 --seconds 2 -o circle.frames",
+    help=f"""Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.
+
+Points are solved for --array, by default 20 × 16 transducers, 10.3 mm apart, and air of 20 °C. Solved or recorded
+frames keep their array and their air, and a recording its rate and its calibration. Frames of --render are modulated
+already: stream them with --modulation 0.
+{RENDER_HELP}""",
+)
 def record_command(
     context: typer.Context,
     source: SourceArgument,
@@ -380,24 +406,33 @@ def record_command(
     rate: RateOption = None,
     method: MethodOption = "tikhonov",
     spin: SpinOption = 0.0,
+    render: RenderOption = None,
     array: ArrayOption = None,
     calibration: CalibrationOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.
-
-    Points are solved for --array, by default 20 × 16 transducers, 10.3 mm apart, and air of 20 °C. Solved or recorded
-    frames keep their array and their air, and a recording its rate and its calibration.
-    """
+    """Write the frames of a stream to a file; the help above has the details."""
     check_outputs([output, json_target], inputs=files_in(source))
     if output.suffix.lower() != SUFFIX:
         raise ValueError(f"{output}: a recording has the suffix {SUFFIX}")
     own = load_array(array)
     with open_source(source) as what:
         check_options(context, source, what)
-        pace = rate or what.rate or RATE
         used = what.array or own or TransducerArray.grid()
-        frames = frames_of(what, used, method, spin, pace)
+        corrected = load_calibration(calibration) if what.holds_drives else what.calibration
+        if render is None:
+            pace = rate or what.rate or RATE
+            frames = frames_of(what, used, method, spin, pace)
+        else:
+            check_render(context, "spin")
+            cycle = Renderer(used, render, method).render(read_outline(source))
+            if cycle.envelope:
+                raise ValueError(
+                    f"--render {render} leaves its modulation to the device, and a recording holds frames alone; leave "
+                    "modulation out, and give --modulation to `phasewire stream`"
+                )
+            pace = rate or CARRIER_HZ / cycle.hold
+            frames = LoopedFrames(cycle, pace, corrected)
         most = frames_in(what, seconds, pace)
         written = record(
             output,
@@ -405,11 +440,20 @@ def record_command(
             pace,
             array=used,
             medium=what.medium,
-            calibration=load_calibration(calibration) if what.holds_drives else what.calibration,
+            calibration=corrected,
             source=source,
         )
     console_for(json_target).print(f"{output}: {written} frames at {pace:g}/s.")
     write_json(json_target, {"format": "phasewire-record-1", "output": str(output), "frames": written, "rate": pace})
+
+
+def check_render(context: typer.Context, *options: str) -> None:
+    """Raise `ValueError` if one of some options of a command line has no effect with ``--render``."""
+    for option in options:
+        if given(context, option):
+            raise ValueError(
+                f"--{option} has no effect with --render; give it as a parameter, or leave one of them out"
+            )
 
 
 @contextmanager

@@ -10,11 +10,12 @@ import typer
 
 from ..solver.acoustics.array import TransducerArray
 from ..solver.acoustics.array_files import read_transducers
+from ..solver.rendering.outline import Outline
 from ..solver.shapes.point_files import POINT_FILES, read_points
 from ..solver.shapes.points import ControlPoints
 from ..solver.shapes.shapes import SHAPES, parse_shape
 
-__all__ = ["ArrayOption", "files_in", "load_array", "read_source", "shapes_and_files"]
+__all__ = ["ArrayOption", "files_in", "load_array", "read_outline", "read_source", "shapes_and_files"]
 
 ArrayOption = Annotated[
     Path | None,
@@ -46,6 +47,12 @@ def read_source(source: str, spacing: float | None = None) -> ControlPoints:
         f"{source!r} is neither a shape ({', '.join(sorted(SHAPES))}) nor a file of points ({', '.join(POINT_FILES)})"
         + "; it is an object for `phasewire touch`" * is_object
     )
+
+
+def read_outline(source: str) -> Outline:
+    """The outline of a shape in its notation, or of a file of points."""
+    shape = source.partition(":")[0] in SHAPES
+    return Outline.of(parse_shape(source) if shape else read_source(source))
 
 
 def shapes_and_files(suffixes: Iterable[str]) -> Callable[[str], list[str]]:

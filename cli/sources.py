@@ -49,6 +49,7 @@ MOST_LINE = 2**20
 ARCHIVE = ".npz"
 HEEDED: dict[str, tuple[tuple[type, ...], str]] = {
     "spin": ((ControlPoints,), "only a shape or a file of points can turn"),
+    "render": ((ControlPoints,), "only a shape or a file of points is rendered"),
     "method": ((ControlPoints, Iterator), "only points are solved for"),
     "array": ((ControlPoints, Iterator), "its frames are solved already"),
     "calibration": ((ControlPoints, Iterator, Solution, np.ndarray), "it holds pulses, which are played unchanged"),

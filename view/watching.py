@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -12,7 +12,7 @@ from ..emulator import Emulator
 from ..host import Device, StreamReport
 from ..host.playing.frames import Frame, Frames, frame_source
 from ..host.touching.loop import TouchLoop, TouchMoment
-from ..solver import TransducerArray, TwoSided
+from ..solver import ControlPoints, TransducerArray
 from .snapshot import rows_of
 from .stopping import Stopper
 from .tap import Alternation, Tap, rig_of
@@ -121,10 +121,22 @@ class Watch:
         )
         self._look()
 
-    def play(self, solution: TwoSided, seconds: float, begins: int) -> None:
-        """Let two fields take turns from a period on, by the wall clock; otherwise as `Device.keep_playing`."""
-        points = rows_of(solution.points)
-        turns = Alternation(solution.modulation.periods, begins)
+    def play(self, points: ControlPoints, steps: Sequence[tuple[int, int]], seconds: float, begins: int) -> None:
+        """Let a sequence go on by the wall clock; otherwise as `Device.keep_playing`.
+
+        Parameters
+        ----------
+        points : ControlPoints
+            That it is for.
+        steps : sequence of (int, int)
+            As given to `Device.play`; if there are two, both fields are shown.
+        seconds : float
+            How long.
+        begins : int
+            The period at which it began.
+        """
+        shown = rows_of(points)
+        turns = Alternation(steps[0][1], begins) if len(steps) == 2 else None
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             began, step = time.monotonic(), min(STEP_SECONDS, left)
@@ -132,7 +144,7 @@ class Watch:
             self._device.keep_playing(step)
             time.sleep(max(0.0, step - (time.monotonic() - began)))
             if self._tap.due:
-                self._tap.take(turns, points=points, ids=np.arange(len(points)))
+                self._tap.take(turns, points=shown, ids=np.arange(len(shown)))
 
     def _look(self) -> None:
         """Show what the device emits, if it is time."""

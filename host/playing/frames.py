@@ -6,6 +6,7 @@ A *frame* is `Pulses`, a `Solution`, or a drive, (n,) complex. A calibration cor
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from itertools import islice
@@ -17,13 +18,14 @@ from numpy.typing import NDArray
 from ...protocol.pulses import Pulses
 from ...protocol.quantise import PulseFrames, check_pulses, quantise
 from ...protocol.replies import Info
-from ...solver import ControlPoints, Medium, Solution, Solver, TransducerArray
+from ...solver import ControlPoints, Cycle, Medium, Solution, Solver, TransducerArray
 from .calibration import Calibration
 
 __all__ = [
     "Frame",
     "FrameSource",
     "Frames",
+    "LoopedFrames",
     "PulseFrames",
     "StoredFrames",
     "beginning",
@@ -37,6 +39,9 @@ __all__ = [
 NUMBERS = "iufc"  # kinds of types for drives
 LEAST_RATE = 1e-3
 """Frames per second; a slower stream is mostly waiting."""
+
+ROUNDING = 1e-9
+"""Of frames: a rate that is no binary fraction must not lose one."""
 
 Frame: TypeAlias = Pulses | Solution | NDArray[Any]
 """A frame: pulses, or a drive, (n,) complex of magnitude at most 1, alone or in a solution."""
@@ -74,6 +79,47 @@ class FrameSource(Protocol):
         ValueError
             If an item is no frame; it is named by its number in the source, from 0.
         """
+
+
+class LoopedFrames:
+    """The frames of a cycle, again and again: `StoredFrames` that were quantised once.
+
+    Parameters
+    ----------
+    cycle : Cycle
+        Of drives; its envelope is not applied.
+    rate : float
+        Frames per second.
+    calibration : Calibration, optional
+        Of the device, applied to the drives.
+    frames : int
+        After which it ends.
+
+    Raises
+    ------
+    ValueError
+        If a drive is beyond 1.
+    """
+
+    def __init__(
+        self, cycle: Cycle, rate: float, calibration: Calibration | None = None, frames: int = sys.maxsize
+    ) -> None:
+        self._pulses, self._frames = _quantised(cycle.drives, calibration, 0), frames
+        self._cycle_frames_per_frame = cycle.carrier / rate / cycle.hold
+
+    @property
+    def channels(self) -> int:
+        """The number of transducers."""
+        return int(self._pulses.phase.shape[1])
+
+    def __len__(self) -> int:
+        return self._frames
+
+    def read(self, start: int, stop: int) -> PulseFrames:
+        """Frames from one number to before another."""
+        passed = np.arange(start, min(stop, self._frames)) * self._cycle_frames_per_frame
+        rows = np.floor(passed + ROUNDING).astype(np.int64) % len(self._pulses.phase)
+        return PulseFrames(self._pulses.phase[rows], self._pulses.width[rows])
 
 
 def check_rate(rate: float) -> None:

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire import ControlPoints, Emulator, Medium, TransducerArray, solve
+from phasewire import Circle, ControlPoints, Emulator, Medium, TransducerArray, render, solve
 from phasewire.emulator import faults
 from phasewire.host import Calibration, Recording, record
-from phasewire.protocol.quantise import PulseFrames
+from phasewire.protocol.quantise import PulseFrames, quantise
 from phasewire.solver.fields.files import save_solution
 
 from .runner import Run
@@ -182,6 +182,11 @@ USELESS = [
     "show one.npz --calibration perfect.csv",
     "record slow.frames -o x.frames --calibration perfect.csv",
     "record one.npz -o x.frames --spin 2",
+    "stream slow.frames --render am",
+    "stream circle --render am --modulation 100",
+    "stream circle --render stm --spin 1",
+    "record circle -o x.frames --render am --spin 1",
+    "play circle --render am --modulation 100",
     "play circle --unattended --seconds 2",
     "play circle --unattended --forever",
 ]
@@ -223,6 +228,27 @@ def test_infinite_and_huge_numbers_are_refused(phasewire: Run, files: Path, line
     assert not (files / "x.frames").exists()
     said = " ".join(outcome.err.split())
     assert re.search(rf"Invalid value for '{line.split()[-2]}'|{float(line.split()[-1]):g}", said.replace("+", ""))
+
+
+@pytest.mark.parametrize("way", ["am", "two-sided", "lm:frequency=100", "stm", "auto", "am:envelope=square"])
+def test_a_rendered_recording_holds_its_cycle(phasewire: Run, files: Path, way: str) -> None:
+    phasewire("record", "circle", "-o", "x.frames", "--render", way, "--seconds", "0.02")
+    cycle = render(TransducerArray.grid(), Circle(), way, "tikhonov")
+    wanted = quantise(cycle.drives)
+    with Recording.open(files / "x.frames") as kept:
+        assert kept.rate == 40_000 / cycle.hold
+        assert len(kept) == 800 // cycle.hold
+        rows = np.arange(len(kept)) % len(cycle)
+        read = kept.read(0, len(kept))
+        assert (read.phase == wanted.phase[rows]).all()
+        assert (read.width == wanted.width[rows]).all()
+
+
+def test_a_recording_has_no_room_for_an_envelope(phasewire: Run, files: Path) -> None:
+    outcome = phasewire("record", "circle", "-o", "x.frames", "--render", "stm:modulation=200")
+    assert outcome.code == 2
+    assert "leave modulation out" in outcome.err
+    assert not (files / "x.frames").exists()
 
 
 def test_standard_input_is_solved_line_by_line(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:

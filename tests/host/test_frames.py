@@ -10,7 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Circle, ControlPoints, Pulses, Solution, Solver, TransducerArray
 from phasewire.host.playing.calibration import Calibration
-from phasewire.host.playing.frames import FrameSource, PulseFrames, beginning, frame_source, solved, to_pulses
+from phasewire.host.playing.frames import (
+    FrameSource,
+    LoopedFrames,
+    PulseFrames,
+    beginning,
+    frame_source,
+    solved,
+    to_pulses,
+)
+from phasewire.solver import Cycle
 
 N = 6
 GRID = TransducerArray.grid(3, 2)
@@ -263,3 +272,16 @@ def test_an_empty_source_ends_at_once() -> None:
     sources: list[Any] = [DRIVES[:0], PulseFrames(FRAMES.phase[:0], FRAMES.width[:0]), [], iter(())]
     for source in sources:
         assert frame_source(source, None, N).take(3).phase.shape == (0, N)
+
+
+@given(st.integers(1, 40), st.integers(1, 7), st.integers(1, 50), st.booleans())
+def test_looped_frames_are_those_of_the_cycle(count: int, hold: int, periods: int, calibrated: bool) -> None:
+    """At any rate that is a whole number of carrier periods: what plays then, by counting periods."""
+    corrected = CALIBRATION if calibrated else None
+    source = frame_source(LoopedFrames(Cycle(SINGLE[:count], hold), 40_000 / periods, corrected, 90), corrected, N)
+    assert source.ready
+    found = drained(source, [7, 30])
+    expected = [number * periods // hold % count for number in range(90)]
+    wanted = drained(frame_source(SINGLE[:count], corrected, N), [50])
+    assert (found.phase == wanted.phase[expected]).all()
+    assert (found.width == wanted.width[expected]).all()
