@@ -1,0 +1,99 @@
+"""Waves over time at a few places, such as ears: the sum over the transducers, each a delay ago."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..solver import Medium, TransducerArray, transfer_matrix
+from ..solver.acoustics.models import directivity
+from ..solver.acoustics.resonator import Resonator
+from ..solver.geometry import PointsLike, as_places
+
+__all__ = ["arriving", "as_waves", "behind", "responses"]
+
+
+def as_waves(array: TransducerArray, waves: ArrayLike, name: str = "waves") -> NDArray[np.complex64]:
+    """A series for each transducer, (t, n); `ValueError` if it is none, or has no rows."""
+    series = np.ascontiguousarray(waves, dtype=np.complex64)
+    if series.ndim != 2 or series.shape[1] != len(array) or not len(series):
+        raise ValueError(
+            f"{name} have the shape {series.shape}; (t, {len(array)}) is needed, a row for each carrier period and "
+            "a column for each transducer"
+        )
+    return series
+
+
+def behind(array: TransducerArray, at: PointsLike) -> NDArray[np.bool_]:
+    """Whether each place is beside or behind the baffle of each transducer, (j, n)."""
+    offset = as_places(at)[:, None] - array.positions
+    return np.asarray(np.einsum("jnk,nk->jn", offset, array.normals) <= 0)
+
+
+def responses(array: TransducerArray, at: PointsLike, medium: Medium) -> NDArray[np.complex128]:
+    """Pressure at each place per unit drive of each transducer, (j, n), and never 0 because of a baffle.
+
+    Notes
+    -----
+    The models are of pistons in an endless baffle, behind which there is nothing (`transfer_matrix`). Real housings let
+    sound around them, less the further it turns. So beside and behind a transducer its wave is taken as strong as that
+    of a baffled piston at 90°, at the same distance. It is a bound as far as the piston goes; sound that housings,
+    table or room reflect is left out.
+    """
+    points = as_places(at)
+    matrix = transfer_matrix(array, points, medium)
+    hidden = behind(array, points)
+    if hidden.any():
+        transducer = array.transducer
+        grazing = 1.0 if transducer.model == "monopole" else float(directivity(1.0, transducer.reach, medium))
+        distance = np.linalg.norm(points[:, None] - array.positions, axis=2)
+        travelled = np.exp((1j * medium.wavenumber - medium.attenuation) * distance) / distance
+        bound = transducer.strength * transducer.polarity * array.response * grazing * travelled
+        matrix = np.where(hidden, bound, matrix)
+    return np.asarray(matrix)
+
+
+def arriving(array: TransducerArray, waves: ArrayLike, at: PointsLike, medium: Medium) -> NDArray[np.complex64]:
+    """Pressure phasors at places over time.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    waves : (t, n) complex
+        The phasor that each emits at the beginning of each carrier period; they are taken to repeat, so that their end
+        is still on its way when they begin.
+    at : (j, 3) float
+        Places, in metres.
+    medium : Medium
+        The air; its frequency is the carrier's.
+
+    Returns
+    -------
+    (j, t) complex64
+        Peak pressure in Pa at the beginning of each period; with `responses` behind a baffle.
+
+    Raises
+    ------
+    ValueError
+        If the waves have another shape, or as `transfer_matrix`.
+
+    Notes
+    -----
+    Between two periods the wave moves as a resonance does under a constant drive (`OnePole.between`), so nothing is
+    interpolated as long as drives change at the beginning of a period.
+    """
+    from .arriving_kernels import collect  # importing numba takes half a second
+
+    series, points = as_waves(array, waves), as_places(at)
+    delay = np.linalg.norm(points[:, None] - array.positions, axis=2) / medium.wavelength
+    whole = np.ceil(delay).astype(np.int64)
+    resonance = Resonator.of(array.transducer).enveloped(medium.frequency, 1 / medium.frequency)
+    ahead = resonance.between(whole - delay)
+    response = responses(array, points, medium)
+    lag = np.concatenate([whole, whole - 1])
+    weight = np.concatenate([response * (1 - ahead), response * ahead]).astype(np.complex64)
+    row = np.tile(np.arange(len(points))[:, None], (2, len(array)))
+    collected = np.empty((len(points), len(series)), np.complex64)
+    collect(series, lag, weight, row, collected)
+    return collected
