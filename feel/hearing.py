@@ -190,10 +190,10 @@ def audible(
     for as wide as the audible wave, while it is a pattern of narrow lobes.
     """
     medium, points = as_medium(medium), as_places(at)
-    series = as_waves(array, waves)
+    emitted = as_waves(array, waves)
     if not 0 < reach < math.inf:
         raise ValueError(f"a beam of {reach} m must have a positive length, such as {REACH}")
-    steps = len(series)
+    steps = len(emitted)
     frequency = np.asarray(scipy.fft.rfftfreq(steps, 1 / medium.frequency))
     heard = (frequency >= LOWEST) & (frequency <= HIGHEST)
     linear = np.zeros((len(points), len(frequency)), np.complex128)
@@ -203,13 +203,11 @@ def audible(
         # The resonance's time factor is e^{-iωt}, that of the transform e^{+iωt}.
         linear *= np.conj(response(frequency)) * 1j * frequency / medium.frequency
     coarse = np.arange(0, medium.frequency / 2 + RESOLVED, RESOLVED)
-    spectrum = scipy.fft.rfft(power_over_time(array, series, medium))
+    spectrum = scipy.fft.rfft(power_over_time(array, emitted, medium))
     factor = -NONLINEARITY / (4 * math.pi * medium.speed_of_sound**3) * (2 * np.pi * frequency) ** 2
     along = np.stack([np.interp(frequency, coarse, row) for row in _beam(array, points, medium, reach, coarse)])
-    linear, demodulated = (
-        np.asarray(scipy.fft.irfft(np.where(heard, part, 0), steps)) for part in (linear, spectrum * factor * along)
-    )
-    return Audible(linear, demodulated, medium.frequency)
+    low, made = (scipy.fft.irfft(np.where(heard, part, 0), steps) for part in (linear, spectrum * factor * along))
+    return Audible(np.asarray(low), np.asarray(made), medium.frequency)
 
 
 def _arriving_pulses(

@@ -87,8 +87,8 @@ class Validity:
         )
         return (
             f"{self.peak:.0f} Pa ({float(sound_pressure_level(self.peak)):.0f} dB SPL) at the focus: the linear model "
-            f"{word} (distortion {self.distortion:.2g}, {QUASI_LINEAR:g} is the limit); about {self.remaining:.0%} of the "
-            f"fundamental remain, no drive exceeds {self.bound:.0f} Pa; wind of up to {self.streaming:.1g} m/s"
+            f"{word} (distortion {self.distortion:.2g}, {QUASI_LINEAR:g} is the limit); about {self.remaining:.0%} of "
+            f"the fundamental remain, no drive exceeds {self.bound:.0f} Pa; wind of up to {self.streaming:.1g} m/s"
         )
 
 
@@ -100,9 +100,9 @@ def validity(array: TransducerArray, peak: float, at: ArrayLike, medium: Medium 
     array : TransducerArray
         It is taken as a disc of its `aperture_radius` that focuses.
     peak : float
-        Peak pressure at the focus in Pa, such as ``field.peak[0]``.
+        Peak pressure at the focus in Pa, such as ``field.strongest()[0]``.
     at : (3,) float
-        The focus, in metres, such as ``field.peak[1]``.
+        The focus, in metres, such as ``field.strongest()[1]``.
     medium : Medium, optional
         The air; 20 °C by default. Its `absorption` is counted whether it is `absorbing` or not.
 

@@ -1,0 +1,90 @@
+"""Power and heat, against the closed form of a piston, the far field of a whole array, and a diffusion in steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+from phasewire import ControlPoints, Medium, Transducer, TransducerArray, solve
+from phasewire.feel.power import absorbed_share, aperture_radius, full_power, power, power_over_time, warming
+from phasewire.solver.acoustics.models import directivity
+from phasewire.solver.fields.quantities import air_density
+
+MEDIUM = Medium()
+RHO_C = air_density(MEDIUM) * MEDIUM.speed_of_sound
+
+
+@pytest.mark.parametrize("radius", [1e-3, 4.5e-3, 8e-3])
+@pytest.mark.parametrize("model", ["piston", "rayleigh"])
+def test_a_piston_radiates_what_its_radiation_resistance_says(radius: float, model: str) -> None:
+    ka = MEDIUM.wavenumber * radius
+    # W = ½|U|²·ρc·πa²·(1 − J₁(2ka)/(ka)), and the far field on its axis is P₁ = ρc·k·a²·U/2.
+    speed = 2 * 5.73 / (RHO_C * MEDIUM.wavenumber * radius**2)
+    expected = speed**2 / 2 * RHO_C * math.pi * radius**2 * (1 - scipy.special.j1(2 * ka) / ka)
+    assert full_power(Transducer(radius=radius, model=model), MEDIUM) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_monopole_radiates_into_the_half_space_alike() -> None:
+    assert full_power(Transducer(model="monopole")) == pytest.approx(math.pi * 5.73**2 / RHO_C, rel=1e-6)
+
+
+def test_the_power_of_a_focus_is_that_of_its_far_field() -> None:
+    array = TransducerArray.grid(8, 8)
+    drive = solve(array, ControlPoints([[0.01, 0, 0.1]])).drive
+    cosine, weights = np.polynomial.legendre.leggauss(60)
+    cosine, weights = (cosine + 1) / 2, weights / 2
+    sine, turn = np.sqrt(1 - cosine**2), np.linspace(0, 2 * np.pi, 120, endpoint=False)
+    ways = np.stack([np.multiply.outer(sine, np.cos(turn)), np.multiply.outer(sine, np.sin(turn))], axis=-1)
+    field = np.exp(-1j * MEDIUM.wavenumber * ways @ array.positions[:, :2].T) @ drive
+    strength = 5.73 * directivity(sine, 4.5e-3, MEDIUM)[:, None] * np.abs(field)
+    expected = np.sum(strength**2 * weights[:, None]) * 2 * np.pi / len(turn) / (2 * RHO_C)
+    found = power_over_time(array, [drive, 0.5 * drive])
+    assert found[0] == pytest.approx(expected, rel=0.05)  # the work on each other's waves is left out
+    assert found[1] == pytest.approx(found[0] / 4, rel=1e-5)
+
+
+def test_power_is_that_of_the_calibrated_transducers() -> None:
+    array = TransducerArray.grid(2, 1)
+    dead = TransducerArray(array.positions, array.normals, response=[0, 0.5j])
+    alone = full_power(array.transducer)
+    assert power_over_time(dead, [[1, 1]])[0] == pytest.approx(alone / 4, rel=1e-5)
+    found = power(array, [[1, 1], [1j, 0]])
+    assert (found.acoustic, found.greatest) == pytest.approx((1.5 * alone, 2 * alone), rel=1e-5)
+    assert found.switching == pytest.approx(1.5 * 2.55e-9 * 15**2 * 40e3)
+    assert found.skin == pytest.approx(absorbed_share() * found.acoustic)
+    assert f"{found.acoustic:.3g} W of sound" in str(found)
+
+
+def test_the_radius_of_a_disc_is_its_own_however_it_lies() -> None:
+    at = np.stack(np.meshgrid(np.arange(-15, 16), np.arange(-15, 16)), axis=-1).reshape(-1, 2) * 0.01
+    disc = at[np.linalg.norm(at, axis=1) <= 0.15]
+    array = TransducerArray(np.c_[disc, np.zeros(len(disc))], np.tile([0, 0, 1.0], (len(disc), 1)))
+    assert aperture_radius(array) == pytest.approx(0.15, rel=0.02)
+    assert aperture_radius(array.rotated(70, (1, 2, 0)).moved((1, 2, 3))) == pytest.approx(aperture_radius(array))
+    assert aperture_radius(TransducerArray([[0, 0, 0]], [[0, 0, 1]])) == pytest.approx(4.5e-3)
+
+
+def test_skin_keeps_about_one_per_cent() -> None:
+    assert absorbed_share() == pytest.approx(0.0011 + 0.0076, abs=2e-4)  # body, and boundary layer of 12.9 µm
+    assert absorbed_share(replace(MEDIUM, frequency=160e3)) == pytest.approx(0.0011 + 2 * 0.0076, abs=4e-4)
+
+
+def test_warming_is_diffusion() -> None:
+    cell, step = 20e-6, 1e-3
+    flux = absorbed_share() * 2000**2 / (2 * RHO_C)
+    depth = np.zeros(400)
+    for _ in range(3000):
+        rate = np.diff(depth, prepend=depth[0], append=0) * 1.1e-7 / cell**2
+        depth += step * np.diff(rate)
+        depth[0] += step * flux / 0.37 * 1.1e-7 / cell
+    surface = depth[0] + flux / 0.37 * cell / 2  # from the first cell's middle
+    assert warming(2000, 3.0) == pytest.approx(surface, rel=0.01)
+    assert warming(2000, 12.0) == pytest.approx(2 * warming(2000, 3.0))
+
+
+def test_waves_of_another_array_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"waves have the shape \(3, 4\); \(t, 320\) is needed"):
+        power_over_time(TransducerArray.grid(), np.ones((3, 4)))
