@@ -176,18 +176,21 @@ def audible(
     -----
     Linear: a pulse of duty d is x = (π/2)·d times a full drive, and the far field P₁/r times x·(f/f₀)·H(f), the
     response of the resonance, and f/f₀ because it follows the piston's acceleration. A piston so small sends low sound
-    alike in all directions, and around its housing too. The moment m delays it: d·e^{iωs} ≈ d + iω·m. The outputs' high
-    level is 15 V.
+    alike in all directions, and around its housing too. The outputs' high level is 15 V. A voltage that is high at the
+    part s of a period T counts e^{iωTs}; the straight line in s that fits it best over a period needs duty and moment
+    only. Against the transform of every edge that costs 5 % up to 5 kHz, 15 % up to 10 kHz, and about 1 dB of the
+    level. Delays are rounded to 1/8 of a period.
 
     Demodulated: the beam carries the power W(t) along the array's mean normal, spread over a disc of its
     `aperture_radius` a. With p₁² = ρc·W over its section, Westervelt's sources, s along the axis and R from there, give
 
         p₂ = β/(4πc³)·∂²/∂t² ∫₀^reach W(t − (s + R)/c)/R·D ds,  D = 2J₁(x)/x, x = (ωa/c)·sin(angle off the axis)
 
-    For an outline and its two halves that alternate, the sum over the sources of the whole computed field gives the
-    same within 2 dB up to 2 kHz, and in dB(A) 1.5 dB less. If no hand ends the beam it gives 2 dB more. Formulas of one
-    ray (Burgers' equation), p₂ = β/(4ρc³)·r·ln(r/r₀)·∂|p|²/∂t, gave 12 to 16 dB more: they take the field around an ear
-    for as wide as the audible wave, while it is a pattern of narrow lobes.
+    The integral over all sources of the computed field, up to the same reach, is the judge: for the two halves of a
+    circle of 10 cm that alternate, all strong tones up to 2 kHz agree within 2 dB, and the level within 1.5 dB; for an
+    array of 8 × 8 this model is up to 4 dB above it at 1.6 kHz. Without a hand that ends the beam the integral is 2 dB
+    higher. On a ray, the spherical solution of Burgers' equation, p₂ = β/(4ρc³)·r·ln(r/r₀)·∂|p|²/∂t, was 12 to 16 dB
+    too high: it takes the field at an ear for as wide as the audible wave, while it is a pattern of narrow lobes.
     """
     medium, points = as_medium(medium), as_places(at)
     emitted = as_waves(array, waves)
@@ -231,9 +234,10 @@ def _arriving_pulses(
     duty, moment = (
         scipy.fft.rfft(part).reshape(len(points), FRACTIONS, -1) for part in (collected.real, collected.imag)
     )
-    turn = 2j * np.pi * frequency / medium.frequency  # in a period
-    ahead = np.exp(turn * np.arange(FRACTIONS)[:, None] / FRACTIONS)
-    return np.asarray(np.einsum("jaf,af->jf", duty - turn * moment, ahead) * np.exp(-turn / 2))
+    half = np.maximum(np.pi * frequency / medium.frequency, 1e-9)  # of the angle by which the sound turns in a period
+    level, slope = np.sin(half) / half, 6 * (np.sin(half) - half * np.cos(half)) / half**2
+    ahead = np.exp(2j * half * np.arange(FRACTIONS)[:, None] / FRACTIONS)
+    return np.asarray(np.einsum("jaf,af->jf", duty * level - 1j * slope * moment, ahead) * np.exp(-1j * half))
 
 
 def _beam(

@@ -1,0 +1,184 @@
+"""What is heard, against the table of the A-curve, closed forms of tones, the transform of every edge, and a sum over
+all of a field's sources.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import scipy
+from hypothesis import given
+from hypothesis import strategies as st
+from phasewire import Medium, Pulses, TransducerArray
+from phasewire.feel.arriving import arriving
+from phasewire.feel.hearing import Audible, a_weighting, audible, square_pulses
+from phasewire.feel.power import aperture_radius, full_power
+from phasewire.solver.acoustics.resonator import Resonator
+from phasewire.solver.fields.quantities import air_density
+
+MEDIUM = Medium()
+C, CARRIER, STRENGTH = MEDIUM.speed_of_sound, 40_000.0, 5.73
+ONE = TransducerArray([[0, 0, 0]], [[0, 0, 1]])
+
+# IEC 61672-1, table 3: third octaves from 10 Hz to 20 kHz.
+TABLE = """-70.4 -63.4 -56.7 -50.5 -44.7 -39.4 -34.6 -30.2 -26.2 -22.5 -19.1 -16.1 -13.4 -10.9 -8.6 -6.6 -4.8 -3.2 -1.9
+-0.8 0.0 0.6 1.0 1.2 1.3 1.2 1.0 0.5 -0.1 -1.1 -2.5 -4.3 -6.6 -9.3"""
+
+
+def test_the_a_curve_is_that_of_the_table() -> None:
+    exact = 1000 * 10 ** (np.arange(-20, 14) / 10)
+    np.testing.assert_allclose(a_weighting(exact), [float(level) for level in TABLE.split()], atol=0.0501)
+    assert abs(a_weighting(1000.0)) < 1e-3
+    assert a_weighting(0.0) == -np.inf
+
+
+@given(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 25)), min_size=1, max_size=20))
+def test_pulses_of_drives_are_those_of_their_bits(given_pulses: list[tuple[int, int]]) -> None:
+    pulses = Pulses(*np.array(given_pulses).T)
+    ticks = np.arange(50)[:, None]
+    high = (ticks - pulses.start) % 50 < pulses.width
+    moments = high.T @ ((np.arange(50) + 0.5) / 50 - 0.5) / 50
+    np.testing.assert_allclose(square_pulses(pulses.to_drive()), high.mean(axis=0) + 1j * moments, atol=1e-6)
+
+
+def tone(series: np.ndarray, frequency: float) -> np.ndarray:
+    """Amplitude of a tone in whole cycles, (j, t) to (j,)."""
+    turns = np.exp(2j * np.pi * frequency / CARRIER * np.arange(series.shape[-1]))
+    return np.asarray(2 * np.abs(series @ turns) / series.shape[-1])
+
+
+@pytest.mark.parametrize("frequency", [200.0, 2000.0, 10_000.0])
+def test_a_duty_that_swings_is_a_tone_far_below_the_resonance(frequency: float) -> None:
+    swing = np.cos(2 * np.pi * frequency / CARRIER * np.arange(400))
+    at = [[0, 0, 0.3], [0.4, 0, 0]]  # in all directions alike
+    found = audible(ONE, np.ones((400, 1)), (0.25 + 0.1 * swing)[:, None], at)
+    response = abs(Resonator().response(frequency))
+    expected = math.pi / 2 * 0.1 * STRENGTH / np.linalg.norm(at, axis=1) * frequency / CARRIER * response
+    expected *= np.sinc(frequency / CARRIER)  # of a pulse somewhere in its period
+    np.testing.assert_allclose(tone(found.linear, frequency), expected, rtol=1e-5)
+    if frequency == 200:  # a stiff plate: its acceleration goes as f², over the quality factor
+        assert response * frequency / CARRIER == pytest.approx(
+            (frequency / CARRIER) ** 2 / Resonator().quality, rel=1e-3
+        )
+    assert np.abs(found.demodulated).max() < 1e-6
+
+
+def test_a_pulse_that_moves_is_heard_although_its_duty_stays() -> None:
+    pulses = 0.5 + 0.1j * np.cos(2 * np.pi * np.arange(400) / 40)[:, None]
+    found = audible(ONE, np.ones((400, 1)), pulses, [[0, 0, 0.3]])
+    factor = math.pi / 2 * STRENGTH / 0.3 * 1000 / CARRIER * abs(Resonator().response(1000.0))
+    np.testing.assert_allclose(tone(found.linear, 1000), factor * 0.1 * 2 * np.pi * 1000 / CARRIER, rtol=1e-3)
+
+
+def test_the_linear_part_is_the_transform_of_every_edge() -> None:
+    array, at = TransducerArray.grid(3, 2, pitch=0.04), np.array([[0.1, -0.3, 0.4]])
+    rng = np.random.default_rng(5)
+    few = [Pulses(rng.integers(0, 100, 6), rng.integers(5, 26, 6)) for _ in range(4)]
+    played = np.repeat(np.arange(4), 50)
+    ticks = np.arange(50)[:, None]
+    bits = np.concatenate([(ticks - few[k].start) % 50 < few[k].width for k in played]).astype(float)
+    drives = np.array([few[k].to_drive() for k in played])
+    frequency = np.arange(1, 101) * 200.0
+    spectrum = np.conj(scipy.fft.rfft(bits, axis=0)[1:101].T) * 2 / len(bits) * np.sinc(frequency / 2e6)
+    delay = np.linalg.norm(at - array.positions, axis=1)[:, None] / C + 0.25e-6  # from a tick's middle
+    response = np.array([Resonator().response(f) for f in frequency])
+    path = STRENGTH / (delay * C) * np.exp(2j * np.pi * frequency * delay)
+    expected = np.abs((path * math.pi / 2 * spectrum).sum(axis=0) * response * frequency / CARRIER)
+    found = audible(array, drives, square_pulses(drives), at)
+    heard = np.array([tone(found.linear, f)[0] for f in frequency[:99]])
+    for band, error in ((slice(0, 25), 0.06), (slice(25, 50), 0.15)):  # up to 5 and 10 kHz
+        assert np.linalg.norm(heard[band] - expected[band]) < error * np.linalg.norm(expected[band])
+    levels = [
+        10 * np.log10(np.sum((part * 10 ** (a_weighting(frequency[:99]) / 20)) ** 2)) for part in (heard, expected[:99])
+    ]
+    assert levels[0] == pytest.approx(levels[1], abs=1.5)
+
+
+def test_two_paths_that_differ_by_half_a_wave_cancel() -> None:
+    array = TransducerArray([[0, 0, 0], [0, 0, -C / 5000 / 2]], [[0, 0, 1]] * 2)
+    pulses = np.tile(0.25 + 0.1 * np.cos(2 * np.pi * np.arange(400) / 8), (2, 1)).T
+    both = audible(array, np.ones((400, 2)), pulses, [[0, 0, 2.0]])
+    alone = audible(array, np.ones((400, 2)), pulses * [1, 0], [[0, 0, 2.0]])
+    assert tone(both.linear, 5000) < 0.06 * tone(alone.linear, 5000)  # they differ by 2 % in strength
+
+
+@pytest.mark.parametrize("frequency", [200.0, 1000.0, 5000.0])
+def test_power_that_swings_is_demodulated(array: TransducerArray, frequency: float) -> None:
+    intensity = 0.5 + 0.4 * np.cos(2 * np.pi * frequency / CARRIER * np.arange(400))
+    at = np.array([0.2, -0.4, 0.47])
+    found = audible(array, np.sqrt(intensity)[:, None] * np.ones(320), None, [at], reach=0.25)
+    aside, k, a = math.hypot(*at[:2]), 2 * np.pi * frequency / C, aperture_radius(array)
+
+    def source(s: float) -> complex:
+        way = math.hypot(aside, at[2] - s)
+        x = k * a * aside / way
+        return complex(np.exp(1j * k * (s + way)) / way * 2 * scipy.special.j1(x) / x)
+
+    integral, _ = scipy.integrate.quad(source, 0, 0.25, complex_func=True)
+    swing = 320 * full_power(array.transducer) * 0.4
+    expected = 1.2 / (4 * np.pi * C**3) * (2 * np.pi * frequency) ** 2 * swing * abs(integral)
+    np.testing.assert_allclose(tone(found.demodulated, frequency), expected, rtol=2e-3)
+    assert not found.linear.any()
+
+
+def test_far_away_the_beam_is_a_point() -> None:
+    intensity = 0.5 + 0.5 * np.cos(2 * np.pi * 200 / CARRIER * np.arange(200))
+    found = audible(ONE, np.sqrt(intensity)[:, None], None, [[7.0, 0, 0]], reach=0.05)
+    swing = 0.5 * full_power(ONE.transducer)  # a monopole: β·ω²·W·L/(4π·c³·r)
+    expected = 1.2 * (400 * np.pi) ** 2 * swing * 0.05 / (4 * np.pi * C**3 * 7)
+    np.testing.assert_allclose(tone(found.demodulated, 200), expected, rtol=2e-3)
+
+
+def test_the_beam_sounds_as_the_sum_over_all_sources_of_the_field(array: TransducerArray) -> None:
+    """Westervelt's integral, β/(4πρc⁴)·∂²/∂t² ∫ p₁²(t − R/c)/R dV, over the computed field."""
+    at, cell = np.array([0.07, -0.4, 0.47]), 0.014
+    focus = np.exp(-1j * MEDIUM.wavenumber * np.linalg.norm(array.positions - [0.03, 0, 0.2], axis=1))
+    dips = 1 - 0.9 * np.exp(-np.arange(200) / 12.0) - 0.3 * np.exp(-(np.arange(200) - 100) % 200 / 12.0)
+    waves = dips[:, None] * focus
+    found = audible(array, waves, None, [at], reach=0.2)
+    across = np.arange(-0.2, 0.2, cell) + cell / 2
+    frequency = np.arange(1, 9) * 200.0
+    total = np.zeros(8, complex)
+    for z in np.arange(0.008, 0.2, cell) + cell / 2:
+        places = np.stack([*map(np.ravel, np.meshgrid(across, across)), np.full(across.size**2, z)], axis=1)
+        squares = np.abs(arriving(array, waves, places, MEDIUM)) ** 2 / 2
+        spectrum = np.conj(scipy.fft.rfft(squares)[:, 1:9]) * 2 / 200
+        way = np.linalg.norm(places - at, axis=1)[:, None]
+        total += np.sum(spectrum * np.exp(2j * np.pi * frequency * way / C) / way, axis=0) * cell**3
+    expected = 1.2 / (4 * np.pi * air_density(MEDIUM) * C**4) * (2 * np.pi * frequency) ** 2 * np.abs(total)
+    heard = np.array([tone(found.demodulated, f)[0] for f in frequency])
+    assert np.abs(20 * np.log10(heard / expected)).max() < 2  # dB
+
+
+def test_a_tone_has_its_level() -> None:
+    time = np.arange(20_011) / CARRIER  # no whole number of cycles
+    series = [math.sqrt(2) * np.sin(2 * np.pi * f * time) for f in (1000.0, 201.3, 15.0, 19_900.0)]
+    found = Audible(np.array(series), np.zeros((4, len(time))), CARRIER)
+    expected = 20 * math.log10(1 / 20e-6) + a_weighting([1000.0, 201.3, 15.0, 19_900.0])
+    np.testing.assert_allclose(found.weighted("linear")[[0, 1, 3]], expected[[0, 1, 3]], atol=0.02)
+    assert found.weighted("linear")[2] < 20  # below what is heard
+    assert found.weighted("demodulated")[0] == -np.inf
+    frequency, part, level = found.strongest(1)[0]
+    assert (frequency, part, level) == (pytest.approx(201.3, abs=2), "linear", pytest.approx(expected[1], abs=0.1))
+    twice = Audible(np.array(series), np.array(series), CARRIER)
+    np.testing.assert_allclose(twice.levels_dba - found.levels_dba, 10 * math.log10(2), atol=1e-6)
+    assert "dB(A) at the loudest place: linear 94" in str(found)
+
+
+def test_it_does_not_matter_where_a_cycle_begins(array: TransducerArray) -> None:
+    rng = np.random.default_rng(3)
+    halves = rng.uniform(0.3, 1, (2, 320)) * np.exp(2j * np.pi * rng.random((2, 320)))
+    drives = np.tile(np.repeat(halves, 100, axis=0), (10, 1))
+    at = [[0, -0.4, 0.47]]
+    found, later = (audible(array, moved, square_pulses(moved), at) for moved in (drives, np.roll(drives, 37, axis=0)))
+    for part in ("linear", "demodulated"):
+        np.testing.assert_allclose(later.weighted(part), found.weighted(part), atol=0.01)
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"pulses have the shape \(2, 2\); \(t, 1\) is needed"):
+        audible(ONE, np.ones((2, 1)), np.ones((2, 2)), [[0, 0, 1]])
+    with pytest.raises(ValueError, match="a beam of 0 m must have a positive length"):
+        audible(ONE, np.ones((2, 1)), None, [[0, 0, 1]], reach=0)
