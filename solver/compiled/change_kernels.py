@@ -10,6 +10,7 @@ from ...compiling import kernel, part
 __all__ = ["follow"]
 
 TURN = 2 * math.pi
+SILENT = 1e-9
 
 
 @part
@@ -51,7 +52,7 @@ def follow(
                 aim, aim_amplitude = now, abs(now)
                 if aim_amplitude > 0:  # silence has no phase
                     aim_phase = math.atan2(now.imag, now.real)
-                if amplitude == 0:
+                if amplitude < SILENT:
                     phase = aim_phase
                 rise, turn = amplitude_rate, phase_rate
                 if amplitude_periods:

@@ -84,8 +84,10 @@ class CompiledEngine:
         """Begin the next update's phases anew."""
         self._ids = NO_IDS
 
-    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> NDArray[np.complex64]:
-        """Drives (n,) for control points; ``ids`` as for `Solver.solve`.
+    def drive(
+        self, points: ControlPoints, ids: NDArray[np.int64] | None = None, *, keep: bool = False
+    ) -> NDArray[np.complex64]:
+        """Drives (n,) for control points; see `Engine.drive`.
 
         Raises
         ------
@@ -100,7 +102,10 @@ class CompiledEngine:
         if not self._uses.weighed:
             kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
             return drive
-        self._find_phases(m, ids)
+        if keep and len(self._ids) == m:
+            kernels.begin(m, self._columns, self._gamma, 0, self._power, self._u, work)
+        else:
+            self._find_phases(m, ids)
         kernels.finish(
             elements=elements,
             m=m,

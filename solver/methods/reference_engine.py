@@ -26,8 +26,11 @@ class Engine(Protocol):
     def forget(self) -> None:
         """Begin the next update's phases anew."""
 
-    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> NDArray[Any]:
-        """Drives (n,) complex for control points; ``ids`` as for `Solver.solve`."""
+    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None, *, keep: bool = False) -> NDArray[Any]:
+        """Drives (n,) complex for control points; ``ids`` as for `Solver.solve`.
+
+        With ``keep`` points that were all in the last frame begin with the phases that they had there, unchanged.
+        """
 
     def level(self, points: ControlPoints, drive: NDArray[Any]) -> float:
         """|p| at the points per wanted amplitude, in pascals, as the least squares have it.
@@ -69,8 +72,8 @@ class ReferenceEngine:
         """Begin the next update's phases anew."""
         self._ids, self._u = np.empty(0, np.int64), np.empty(0, np.complex128)
 
-    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> Complex:
-        """Drives (n,) for control points; ``ids`` as for `Solver.solve`.
+    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None, *, keep: bool = False) -> Complex:
+        """Drives (n,) for control points; see `Engine.drive`.
 
         Raises
         ------
@@ -82,7 +85,7 @@ class ReferenceEngine:
         wanted = points.amplitudes / points.amplitudes.max()
 
         def phases(gram: Complex, way: Phases) -> Complex:
-            return self._phases(gram, wanted, ids, way)
+            return unit(self._u) if keep and len(self._u) == len(wanted) else self._phases(gram, wanted, ids, way)
 
         return self._method.solve(Problem(transfer, wanted, self._limits, self._options, phases))
 

@@ -143,7 +143,10 @@ class Solver:
     def follow(
         self, positions: NDArray[np.float64], amplitudes: NDArray[np.float64], ids: NDArray[np.int64] | None = None
     ) -> NDArray[np.complex64]:
-        """Find the drives for points in motion, each frame beginning with the phases of the one before.
+        """Find the drives for points in motion, which keep the phases that they have in the first frame.
+
+        So drives change no faster than the points move. Phases that were found anew in each frame would be up to some
+        per cent stronger, but jump at times.
 
         Parameters
         ----------
@@ -169,7 +172,7 @@ class Solver:
         names = checked_ids(points, ids)
         drives = np.empty((len(positions), len(self.array)), np.complex64)
         for frame, places in enumerate(positions):
-            drives[frame] = self._engine.drive(ControlPoints.trusted(places, points.amplitudes), names)
+            drives[frame] = self._engine.drive(ControlPoints.trusted(places, points.amplitudes), names, keep=frame > 0)
         return drives
 
     def forget(self) -> None:

@@ -24,6 +24,8 @@ from .cycle import Cycle
 __all__ = ["Completion", "Quieting", "Rates", "literal", "quieted"]
 
 Drives = NDArray[np.complex64]
+SILENT = 1e-9
+"""An amplitude below this is what rounding has left of silence."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +134,7 @@ def literal(wanted: Drives, rule: Completion | Rates) -> NDArray[np.complex128]:
         for t, now in enumerate(course.tolist()):
             if now != aim:
                 aim, aim_phase = now, cmath.phase(now) if now else aim_phase
-                phase = phase if amplitude else aim_phase
+                phase = phase if amplitude > SILENT else aim_phase
                 if isinstance(rule, Completion):
                     rise = abs(abs(aim) - amplitude) / rule.amplitude
                     turn = abs(_turned(phase, aim_phase)) / rule.phase

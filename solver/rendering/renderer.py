@@ -32,7 +32,7 @@ class Renderer:
     most_frames : int
         Drives of a cycle, at most.
     **options
-        Of the method, see `Options`.
+        Of the method, see `Options`; the output is ``phase`` by default if the way drives all transducers fully.
 
     Raises
     ------
@@ -53,6 +53,8 @@ class Renderer:
         if most_frames < 2:
             raise ValueError(f"most_frames {most_frames} must be at least 2")
         self._way = parse_way(way) if isinstance(way, str) else way
+        if self._way is None or self._way.full:
+            options = {"output": "phase"} | options
         self._solvers = Solvers(
             Solver(array, method, medium=medium, **options),
             TwoSidedSolver(array, method, medium=medium, **options),

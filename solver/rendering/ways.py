@@ -9,8 +9,10 @@ stm        one focus, or few, draws the lines, round after round (spatio-tempora
 
 A way turns an `Outline` into a `Cycle` of drives.
 
-Force follows the intensity, which is the square of a drive. So the envelope ``sine`` is the signed root of a sine: the
-intensity is then a sine about its mean at every place, and no harmonic of it can be heard. ``square`` is the paper's.
+Force follows the intensity. With the envelope ``square``, the paper's, it jumps, and each jump is heard. The envelope
+``sine`` leads over along a cosine instead: `am` by the amplitude, `two-sided` by the phases alone. All ways but those
+are *steady*: every transducer stays at its limit, and its phase moves in steps of a pulse of constant width. So the
+array's power stays the same, and so do the duties of its outputs, which are what is heard otherwise.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from numpy.typing import NDArray
 
 from ..arguments import check_number
 from ..methods.modulation import FREQUENCY
+from ..methods.options import PHASE_LEVELS
 from ..methods.solve import Solver
 from ..methods.two_sided import TwoSidedSolver
 from ..shapes.notation import READERS, UNITS, read_parameters, written
@@ -51,6 +54,9 @@ SPEEDS = 0.01, 50.0
 """In m/s."""
 POINT = 5e-3
 """An outline shorter than this, in metres, is felt as a point: a focus is 9 mm wide."""
+STEPS = PHASE_LEVELS // 2
+PHASORS = np.exp(2j * np.pi * (np.arange(STEPS) + 0.5) / STEPS).astype(np.complex64)
+"""Of the phases of a pulse of constant odd width, from 0 on."""
 DRAWN = 0.02, 0.2
 """Lengths in metres of a line that one focus draws 35 to 350 times a second at 7 m/s, where skin feels best."""
 
@@ -83,6 +89,10 @@ class Way(Protocol):
 
     name: ClassVar[str]
 
+    @property
+    def full(self) -> bool:
+        """Whether each transducer is driven at its limit."""
+
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
         """The drives of one cycle."""
 
@@ -108,10 +118,17 @@ class Amplitude:
         """Check the ranges."""
         _check_envelope(self)
 
+    @property
+    def full(self) -> bool:
+        """Whether each transducer is driven at its limit."""
+        return self.envelope == "sine"
+
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
         """One drive, turned up and down."""
         drive = solvers.one.solve(outline.points, outline.ids).drive
-        return _alternating(drive, np.zeros_like(drive), self, solvers)
+        if self.envelope == "square":
+            return _switched(drive, np.zeros_like(drive), self.frequency, solvers)
+        return _swelling(drive, self.frequency, solvers)
 
 
 @dataclass(frozen=True)
@@ -123,8 +140,7 @@ class Halves:
     frequency : float
         At which the halves take turns, in hertz.
     envelope : {"sine", "square"}
-        Of the intensity. ``sine`` costs about 4 dB of the force's change against ``square``, because both fields at a
-        time must not drive a transducer beyond its limit, and a sine has 2 dB less than a square wave.
+        Of the intensity; ``sine`` moves the phase of each transducer from that of one half to that of the other.
     """
 
     frequency: float = FREQUENCY
@@ -136,10 +152,23 @@ class Halves:
         """Check the ranges."""
         _check_envelope(self)
 
+    @property
+    def full(self) -> bool:
+        """Whether each transducer is driven at its limit."""
+        return self.envelope == "sine"
+
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
-        """Two drives that take turns."""
+        """Two drives that take turns; a single point has no other half, so that it is as with `Amplitude`."""
         first, second = solvers.two.solve(outline.points, outline.ids).drives
-        return _alternating(first, second, self, solvers)
+        if self.envelope == "square":
+            return _switched(first, second, self.frequency, solvers)
+        if not second.any():
+            return _swelling(first, self.frequency, solvers)
+        count, hold = timing(self.frequency, solvers.most_frames, solvers.carrier)
+        share = (1 - np.cos(2 * np.pi * (np.arange(count, dtype=np.float32) + 0.5) / count))[:, None] / 2
+        turn = np.angle(second * np.conj(first))
+        limit = np.maximum(np.abs(first), np.abs(second))
+        return Cycle(_at_steps(limit, np.angle(first) + share * turn), hold, carrier=solvers.carrier)
 
 
 @dataclass(frozen=True)
@@ -167,13 +196,19 @@ class Lateral:
         _check(self, "frequency", LOWEST, HIGHEST)
         _check(self, "reach", 1e-4, 0.05)
 
+    @property
+    def full(self) -> bool:
+        """Whether each transducer is driven at its limit."""
+        return True
+
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
         """A drive for each place of the foci."""
         count, hold = timing(self.frequency, solvers.most_frames, solvers.carrier)
         swing = self.reach * np.sin(2 * np.pi * (np.arange(count) + 0.5) / count)
-        places = outline.points.positions + swing[:, None, None] * outline.tangents
-        drives = solvers.one.follow(places, outline.points.amplitudes, outline.ids)
-        return Cycle(drives, hold, carrier=solvers.carrier)
+        reached, rows = np.unique(swing.round(9), return_inverse=True)  # to and fro
+        places = outline.points.positions + reached[:, None, None] * outline.tangents
+        drives = steady(solvers.one.follow(places, outline.points.amplitudes, outline.ids))
+        return Cycle(drives[rows], hold, carrier=solvers.carrier)
 
 
 @dataclass(frozen=True)
@@ -209,6 +244,11 @@ class Spatiotemporal:
         if self.modulation:
             _check(self, "modulation", LOWEST, HIGHEST)
 
+    @property
+    def full(self) -> bool:
+        """Whether each transducer is driven at its limit."""
+        return True
+
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
         """A drive for each place of the foci; a point has no line to draw, so it is moved as by `Lateral`."""
         if outline.length < POINT:
@@ -219,7 +259,7 @@ class Spatiotemporal:
         shifts = np.arange(self.foci) * count // self.foci
         places = line[(np.arange(count)[:, None] + shifts) % count]
         drives = solvers.one.follow(places, np.ones(self.foci))
-        return Cycle(drives, hold, self.modulation, solvers.carrier)
+        return Cycle(steady(drives), hold, self.modulation, solvers.carrier)
 
 
 WAYS: dict[str, type[Any]] = {way.name: way for way in (Amplitude, Halves, Lateral, Spatiotemporal)}
@@ -269,21 +309,32 @@ def way_help() -> str:
     return "\n".join(f"{name}:{written(way)}" for name, way in WAYS.items())
 
 
-def _alternating(first: NDArray[Any], second: NDArray[Any], way: Amplitude | Halves, solvers: Solvers) -> Cycle:
-    """Two drives in turn, by the envelope of a way.
+def steady(drives: NDArray[Any]) -> NDArray[np.complex64]:
+    """Drives with phases in steps of a pulse of constant width, (k, n): every other one of `PHASE_LEVELS`.
 
-    The signed roots cos(πft) and sin(πft) take two periods of the modulation. The second drive is turned as a whole, so
-    that the array's total power stays the same all the time.
+    A pulse is centred at a half tick if its width is odd. With all phases the width would have to change by a tick from
+    one to the next, and the duty with it: the outputs' sound below the carrier is 3 dB louder then.
     """
-    if way.envelope == "square":
-        hold = max(round(solvers.carrier / (2 * way.frequency)), 1)
-        return Cycle(np.stack([first, second]).astype(np.complex64), hold, carrier=solvers.carrier)
-    count, hold = timing(way.frequency / 2, solvers.most_frames, solvers.carrier)
-    overlap = np.vdot(first, second)
-    quadrature = 1j * np.conj(overlap) / abs(overlap) if abs(overlap) > 0 else 1.0
-    angle = 2 * np.pi * (np.arange(count) + 0.5)[:, None] / count
-    drives = np.cos(angle) * first + np.sin(angle) * quadrature * second
-    return Cycle((drives / max(1.0, np.abs(drives).max())).astype(np.complex64), hold, carrier=solvers.carrier)
+    return _at_steps(np.abs(drives), np.angle(drives))
+
+
+def _at_steps(magnitude: NDArray[Any], phase: NDArray[Any]) -> NDArray[np.complex64]:
+    """Drives of magnitudes and phases, in radians, the phases in the steps of `steady`."""
+    step = np.floor(phase * np.float32(STEPS / (2 * np.pi))).astype(np.int32) % STEPS
+    return np.asarray(magnitude * PHASORS[step], np.complex64)
+
+
+def _switched(first: NDArray[Any], second: NDArray[Any], frequency: float, solvers: Solvers) -> Cycle:
+    """Two drives, each for one half of the modulation's period."""
+    hold = max(round(solvers.carrier / (2 * frequency)), 1)
+    return Cycle(np.stack([first, second]).astype(np.complex64), hold, carrier=solvers.carrier)
+
+
+def _swelling(drive: NDArray[Any], frequency: float, solvers: Solvers) -> Cycle:
+    """A drive whose intensity is a sine: its amplitude cos(πft) has a sign, and takes two periods of the modulation."""
+    count, hold = timing(frequency / 2, solvers.most_frames, solvers.carrier)
+    envelope = np.cos(2 * np.pi * (np.arange(count) + 0.5) / count)
+    return Cycle((envelope[:, None] * drive).astype(np.complex64), hold, carrier=solvers.carrier)
 
 
 def _check_envelope(way: Amplitude | Halves) -> None:
