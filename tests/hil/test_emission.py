@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from phasewire import Emulator, Pulses, Transducer, TransducerArray, Wiring, open_device
 from phasewire.emulator import Capture, faults
 from phasewire.emulator.ports.amplifier import Amplifier
+from phasewire.feel.arriving import arriving
 from phasewire.hil.air import Playback
 from phasewire.hil.emission import emitted_waves
 from phasewire.solver import Medium, transfer_matrix
@@ -59,6 +60,8 @@ def test_a_pressure_is_the_sum_of_the_waves_a_delay_ago(array: TransducerArray, 
     expected = Playback(capture, array, medium).phasors(POINT, first, last)[0]
     assert np.abs(heard - expected).max() < 1e-4 * np.abs(expected).max()
     assert np.ptp(np.abs(expected)) > 50  # Pa: it does change
+    arrived = arriving(array, emitted.waves, POINT, medium)[0, 100:]
+    assert np.abs(arrived - expected).max() < 1e-4 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("resonance", [40_000.0, 39_200.0])
