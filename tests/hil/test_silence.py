@@ -7,7 +7,8 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from phasewire import Device, DeviceLostError, Emulator, PhasewireError, Pulses, TransducerArray, open_device
+from phasewire import Device, Emulator, PhasewireError, Pulses, TransducerArray, open_device
+from phasewire.errors import DeviceLostError
 from phasewire.hil.emission import emitted_waves
 from phasewire.host.playing.envelopes import sine
 
