@@ -1,8 +1,8 @@
-"""The paper's user study, simulated: hands explore objects, and a classifier answers by what skin could feel of them.
+"""The paper's user study, simulated: hands explore objects, and a classifier answers by what skin could feel.
 
-A person (`persons`) explores an object; hands go the whole way to the bits of an emulated device (`trials`); the skin is
-moved by what these emit, and a noisy person notices some of it (`sensing`, `features`); a classifier that was trained on
-other persons answers (`judging`). `pointer` compares two ways to draw a flat shape on a palm. `running` does all of it.
+A person (`persons`) explores an object; hands go the whole way to the bits of an emulated device (`trials`); what these
+emit moves the skin, and a noisy person notices some of it (`sensing`, `features`); a classifier that was trained on
+other persons answers (`judging`). `pointer` compares two ways to draw a flat shape on a palm. `running` does it all.
 """
 
 from __future__ import annotations

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...extras import needing
 
-__all__ = ["PAPER_TRIALS", "TABLE_1", "UNPLACED", "Confusion", "answered", "chance_at_most", "judged"]
+__all__ = ["PAPER_TRIALS", "TABLE_1", "UNPLACED", "Confusion", "answered", "chance_at_most", "judged", "learners"]
 
 TREES = 300
 FOLDS = 6
@@ -108,6 +108,27 @@ class Confusion:
         }
 
 
+class Learners(NamedTuple):
+    """Classes of scikit-learn, which is an extra and slow to import."""
+
+    forest: Any
+    folds: Any
+
+
+def learners() -> Learners:
+    """What a judge learns by.
+
+    Raises
+    ------
+    MissingExtraError
+        If scikit-learn is not installed.
+    """
+    with needing("study", "the judge of a study"):
+        from sklearn.ensemble import RandomForestClassifier
+        from sklearn.model_selection import GroupKFold
+    return Learners(RandomForestClassifier, GroupKFold)
+
+
 def judged(
     features: NDArray[np.float64],
     labels: Sequence[str],
@@ -138,15 +159,12 @@ def judged(
     MissingExtraError
         If scikit-learn is not installed.
     """
-    with needing("study", "a judge of what was felt"):
-        from sklearn.model_selection import GroupKFold
-
     count = len(np.unique(persons))
     if count < 2:
         raise ValueError(f"{count} person cannot be divided into trained on and tested; at least 2 must explore")
     shapes, groups = np.asarray(labels), np.asarray(persons)
     said = np.empty(len(shapes), shapes.dtype)
-    for train, test in GroupKFold(min(FOLDS, count)).split(features, shapes, groups):
+    for train, test in learners().folds(min(FOLDS, count)).split(features, shapes, groups):
         said[test] = answered(features[train], shapes[train], features[test], answers=answers, seed=seed)
     return said
 
@@ -159,11 +177,8 @@ def answered(
     answers: Sequence[str] | None = None,
     seed: int = 0,
 ) -> NDArray[np.str_]:
-    """The answers, (n,), to features (n, f) by a random forest that was trained on others, known (k, f), with labels."""
-    with needing("study", "a judge of what was felt"):
-        from sklearn.ensemble import RandomForestClassifier
-
-    forest = RandomForestClassifier(TREES, random_state=seed).fit(known, np.asarray(labels))
+    """The answers, (n,), to features (n, f) by a random forest that was trained on known ones (k, f) with labels."""
+    forest = learners().forest(TREES, random_state=seed).fit(known, np.asarray(labels))
     columns = np.arange(len(forest.classes_)) if answers is None else np.flatnonzero(np.isin(forest.classes_, answers))
     best = forest.predict_proba(features)[:, columns].argmax(axis=1)
     return np.asarray(forest.classes_[columns[best]])

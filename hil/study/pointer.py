@@ -112,7 +112,7 @@ def run_pointer(persons: int, repeats: int, seed: int) -> dict[str, Pointer]:
 
 
 def drawn_on_palm(shape: str, way: str) -> NDArray[np.float64]:
-    """A round as a person imagines it, (w, k): a line of even strength, or a spot that follows it, as wide as a focus."""
+    """A round as a person imagines it, (w, k): a line of even strength, or a spot on it, both as wide as a focus."""
     windows = round(LOOP_SECONDS / WINDOW_SECONDS)
     places = _walk(shape, windows * STEPS)
     squares = np.square(PALM.positions[:, None] - places).sum(axis=2)

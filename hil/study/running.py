@@ -19,7 +19,7 @@ from ...solver import TransducerArray
 from ...solver.contact.mesh import Mesh
 from ...solver.contact.solids import SOLIDS
 from .features import picture_in_space
-from .judging import Confusion, judged
+from .judging import Confusion, judged, learners
 from .persons import Person
 from .pointer import Pointer, run_pointer
 from .sensing import felt_on_hand, sensed
@@ -47,6 +47,14 @@ class Trial(NamedTuple):
     person: int
     number: int
     """Of the person's paths."""
+
+
+class Features(NamedTuple):
+    """Features of a trial."""
+
+    felt: NDArray[np.float64]
+    silent: NDArray[np.float64]
+    """With the field switched off: nothing is felt, and the hand is where it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,17 +97,19 @@ def trials_of(persons: int, repeats: int, shapes: Sequence[str] = tuple(SOLIDS))
     ]
 
 
-def run_trial(trial: Trial, seed: int, seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The features of a trial, and those if nothing had been felt."""
+def run_trial(trial: Trial, seed: int, seconds: float) -> Features:
+    """The features of a trial by the whole path."""
     array = TransducerArray.grid()
     path = Person.drawn(trial.person, seed).explores(trial.number)
     played = explored(getattr(Mesh, trial.mesh)(), path, seconds, array)
     levels, skin = felt_on_hand(played, path, array)
-    chance = [np.random.default_rng([seed, trial.person, trial.number, 1]) for _ in range(2)]
-    with_field, without = (
-        picture_in_space(sensed(each, skin, path, own)) for each, own in zip((levels, 0 * levels), chance, strict=True)
+    noise = [seed, trial.person, trial.number, 1]  # beside the path's, which has no last number
+    return Features(
+        *(
+            picture_in_space(sensed(each, skin, path, seconds, np.random.default_rng(noise)))
+            for each in (levels, 0 * levels)
+        )
     )
-    return with_field, without
 
 
 def run_study(
@@ -137,8 +147,9 @@ def run_study(
     """
     if persons < 2 or repeats < 1:
         raise ValueError(f"{persons} persons, {repeats} repeats: a study needs at least 2 persons and 1 repeat")
+    learners()  # before the work, which takes minutes
     trials = trials_of(persons, repeats)
-    with_field, without = zip(*_run_all(trials, seed, seconds, processes, on_trial), strict=True)
+    felt, silent = zip(*_run_all(trials, seed, seconds, processes, on_trial), strict=True)
     presented = [trial.shape for trial in trials]
     who = [trial.person for trial in trials]
 
@@ -150,25 +161,24 @@ def run_study(
     tested = tuple(shape for shape in SOLIDS if shape != PRACTISED)
     shuffled = np.random.default_rng([seed, len(trials)]).permutation(presented).tolist()
     return Study(
-        confusion(with_field, presented, tested),
-        confusion(with_field, presented, (*tested, PRACTISED)),
-        confusion(without, presented, tested),
-        confusion(with_field, shuffled, tested),
+        confusion(felt, presented, tested),
+        confusion(felt, presented, (*tested, PRACTISED)),
+        confusion(silent, presented, tested),
+        confusion(felt, shuffled, tested),
         run_pointer(persons, POINTER_REPEATS, seed),
     )
 
 
 def _run_all(
     trials: Sequence[Trial], seed: int, seconds: float, processes: int, on_trial: Callable[[int, int], None] | None
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+) -> Iterator[Features]:
     """The features of all trials in their order."""
     run = partial(run_trial, seed=seed, seconds=seconds)
+    found: Iterator[Features]
     with ExitStack() as stack:
         if processes > 1:
             pool = ProcessPoolExecutor(processes, get_context("spawn"), _begin_worker)
-            found: Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]] = stack.enter_context(pool).map(
-                run, trials
-            )
+            found = stack.enter_context(pool).map(run, trials)
         else:
             stack.enter_context(threadpool_limits(1))
             found = map(run, trials)

@@ -30,7 +30,7 @@ from ...solver.acoustics.propagation import arrivals
 from ...solver.fields.quantities import radiation_pressure
 from ..emission import emitted_waves
 from .persons import Exploration
-from .trials import Played
+from .trials import PlayedTrial
 
 __all__ = ["Cells", "Sensed", "blurred", "cells_of", "felt_on_hand", "noticed", "pushed", "sensed"]
 
@@ -40,8 +40,8 @@ HAND_ERROR = 0.01
 WINDOW_SECONDS = 0.05
 
 SPACING = 4.5e-3
-"""Of places of skin, in metres: the intensity of this array's field changes no faster than over 9 mm across, because its
-waves meet at an angle whose sine is at most 0.5 on either side."""
+"""Of places of skin, in metres: an intensity across has no period below 9 mm, because waves from opposite edges of the
+array meet at angles whose sines are at most 0.5 to either side."""
 CELL = 0.01
 """Side of the cells of skin within which places are not told apart, in metres: below the blur's width of 16 mm."""
 POSE_PERIODS = 320
@@ -96,7 +96,7 @@ def noticed(levels: NDArray[np.float64], chance: np.random.Generator) -> NDArray
 
 
 def felt_on_hand(
-    played: Played, path: Exploration, array: TransducerArray, medium: Medium | None = None
+    played: PlayedTrial, path: Exploration, array: TransducerArray, medium: Medium | None = None
 ) -> tuple[NDArray[np.float64], Unfolded]:
     """Perceived intensity of the skin of a moving hand, before any error of a person.
 
@@ -126,7 +126,7 @@ def felt_on_hand(
 def pushed(
     array: TransducerArray, waves: NDArray[np.complex64], skin: SkinPlaces, medium: Medium
 ) -> NDArray[np.float32]:
-    """As `radiation_pressures`, by the compiled kernel of the transfer matrix: a moving hand needs a matrix per pose."""
+    """Radiation pressure (t, k) in Pa, as `radiation_pressures` but compiled: a moving hand needs many matrices."""
     positions, normals = skin.positions, skin.normals
     squares = np.square(positions).sum(axis=1)[:, None] + np.square(array.positions).sum(axis=1)
     distance = np.sqrt(squares - 2 * positions @ array.positions.T)
@@ -140,10 +140,12 @@ def pushed(
     return ((arrived.real**2 + arrived.imag**2) * np.float32(radiation_pressure(1.0, medium))).T
 
 
-def sensed(levels: NDArray[np.float64], skin: Unfolded, path: Exploration, chance: np.random.Generator) -> Sensed:
-    """What a person notices of levels (w, k) on the skin of an exploring hand."""
+def sensed(
+    levels: NDArray[np.float64], skin: Unfolded, path: Exploration, seconds: float, chance: np.random.Generator
+) -> Sensed:
+    """What a person notices of levels (w, k) on the skin of a hand that explores for so many seconds."""
     cells = cells_of(skin)
     error = HAND_ERROR * chance.standard_normal(3)
-    times = (np.arange(len(levels)) + 0.5) * WINDOW_SECONDS
+    times = (np.arange(len(levels)) + 0.5) * seconds / len(levels)
     places = np.stack([cells.mean @ skin.at(path.at(time)).positions for time in times])
     return Sensed(noticed(blurred(levels, skin) @ cells.mean.T, chance), places + error)

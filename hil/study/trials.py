@@ -18,13 +18,13 @@ from ...solver.contact.mesh import Mesh
 from ...solver.contact.touch import Toucher
 from .persons import Exploration
 
-__all__ = ["Played", "explored"]
+__all__ = ["PlayedTrial", "explored"]
 
 TRACKER_HZ = 120.0
 """Frames of hands per second, as of the Leap Motion controller."""
 
 
-class Played(NamedTuple):
+class PlayedTrial(NamedTuple):
     """The outputs of a trial."""
 
     capture: Capture
@@ -34,7 +34,9 @@ class Played(NamedTuple):
     """Carrier period of its end."""
 
 
-def explored(mesh: Mesh, path: Exploration, seconds: float, array: TransducerArray, *, silent: bool = False) -> Played:
+def explored(
+    mesh: Mesh, path: Exploration, seconds: float, array: TransducerArray, *, silent: bool = False
+) -> PlayedTrial:
     """Let a hand explore an object on a fresh emulated device.
 
     Parameters
@@ -69,7 +71,7 @@ def explored(mesh: Mesh, path: Exploration, seconds: float, array: TransducerArr
         loop.run()
         capture = emulator.capture()
     first = round(begun[0] * CARRIER_HZ)
-    return Played(capture, first, min(first + round(seconds * CARRIER_HZ), capture.periods))
+    return PlayedTrial(capture, first, min(first + round(seconds * CARRIER_HZ), capture.periods))
 
 
 def _frames(path: Exploration, seconds: float) -> Iterator[HandFrame]:

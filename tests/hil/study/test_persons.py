@@ -1,0 +1,58 @@
+"""Persons and their paths."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from phasewire.hil.study.persons import DESCENT, DESCENT_SECONDS, Person
+from phasewire.solver.contact.hand import LANDMARKS
+
+TIMES = np.arange(0, 3, 1e-3)
+
+
+@pytest.fixture(params=range(5))
+def person(request: pytest.FixtureRequest) -> Person:
+    return Person.drawn(request.param, seed=1)
+
+
+def test_a_person_is_the_same_for_a_number_and_a_seed(person: Person) -> None:
+    assert Person.drawn(person.number, person.seed) == person
+    assert Person.drawn(person.number, person.seed + 1).pace != person.pace
+    assert Person.drawn(person.number + 10, person.seed).length != person.length
+
+
+def test_hands_have_the_deviation_of_a_survey() -> None:
+    lengths = np.array([Person.drawn(number, 0).length for number in range(2000)])
+    assert lengths.mean() == pytest.approx(0.1893, abs=1e-3)
+    assert lengths.std() == pytest.approx(0.010, rel=0.1)
+    assert abs(lengths - 0.1893).max() <= 0.0201
+    sides = [Person.drawn(number, 0).side for number in range(2000)]
+    assert sides.count("left") / 2000 == pytest.approx(0.1, abs=0.02)
+
+
+def test_paths_of_a_person_differ_by_their_phases_alone(person: Person) -> None:
+    one, other = person.explores(0), person.explores(1)
+    assert one.phase.tolist() == person.explores(0).phase.tolist()
+    assert one.phase.tolist() != other.phase.tolist()
+    assert one.pace.tolist() == other.pace.tolist()
+
+
+def test_a_path_is_smooth_and_comes_down(person: Person) -> None:
+    path = person.explores(3)
+    places = np.array([path.pose(time)[1] for time in TIMES])
+    speed = np.gradient(places, TIMES, axis=0)
+    most = 2 * np.pi * 0.6 * np.linalg.norm([0.06, 0.06, 0.06]) + DESCENT * np.pi / 2 / DESCENT_SECONDS
+    assert np.linalg.norm(speed, axis=1).max() < most
+    assert abs(np.gradient(speed, TIMES, axis=0)[2:-2]).max() < 5  # m/s²: no jump of the speed
+    assert places[0, 2] - path.middle[2] >= DESCENT - path.reach[2]
+    later = places[TIMES >= DESCENT_SECONDS]
+    assert (abs(later - path.middle) <= path.reach + 1e-12).all()
+
+
+def test_a_hand_moves_as_a_whole(person: Person) -> None:
+    path = person.explores(0)
+    lengths = [np.linalg.norm(path.at(time).landmarks[:, None] - path.at(time).landmarks, axis=2) for time in (0.1, 2)]
+    assert lengths[0].shape == (LANDMARKS, LANDMARKS)
+    np.testing.assert_allclose(*lengths, atol=1e-12)
+    assert path.at(0.7).side == person.side
+    np.testing.assert_allclose(path.at(0.7).centre, path.pose(0.7)[1], atol=1e-9)
