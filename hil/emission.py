@@ -31,7 +31,7 @@ from .air import SETTLED
 
 __all__ = ["EmittedWaves", "emitted_waves"]
 
-PERIODS_AT_A_TIME = 512  # whose drives fit a cache
+PERIODS_AT_A_TIME = 1024  # whose drives fit a cache
 
 
 class EmittedWaves(NamedTuple):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from phasewire import Medium, TransducerArray, pressure
 from phasewire.feel.arriving import arriving, responses
 from phasewire.feel.exposure import LIMITS, exposure, exposure_gain, scattered, seated
@@ -19,9 +20,9 @@ MEDIUM = Medium()
 AT = [[0.1, -0.2, 0.3], [0, 0, 0.25]]
 
 
-def some_drives(rows: int, seed: int = 1) -> np.ndarray:
+def some_drives(rows: int, seed: int = 1) -> NDArray[np.complex128]:
     rng = np.random.default_rng(seed)
-    return rng.uniform(0, 1, (rows, 320)) * np.exp(2j * np.pi * rng.random((rows, 320)))
+    return np.asarray(rng.uniform(0, 1, (rows, 320)) * np.exp(2j * np.pi * rng.random((rows, 320))))
 
 
 def test_one_transducer_is_as_loud_as_its_data_sheet_says() -> None:
@@ -63,7 +64,7 @@ def test_waves_arrive_one_by_one_and_repeat(array: TransducerArray) -> None:
 
 def test_behind_the_baffle_there_is_a_bound_and_not_silence() -> None:
     array = TransducerArray([[0, 0, 0]], [[0, 0, 1]])
-    places = [[1, 0, 1e-9], [1, 0, 0], [0.6, 0, -0.8], [0, 0, -1]]
+    places = np.array([[1, 0, 1e-9], [1, 0, 0], [0.6, 0, -0.8], [0, 0, -1]])
     found = exposure(array, np.ones((1, 1)), places)
     grazing = 20 * math.log10(5.73 * float(directivity(1.0, 4.5e-3, MEDIUM)) / math.sqrt(2) / 20e-6)
     np.testing.assert_allclose(found.greatest_db, grazing, atol=1e-3)

@@ -51,7 +51,7 @@ def test_power_is_that_of_the_calibrated_transducers() -> None:
     dead = TransducerArray(array.positions, array.normals, response=[0, 0.5j])
     alone = full_power(array.transducer)
     assert power_over_time(dead, [[1, 1]])[0] == pytest.approx(alone / 4, rel=1e-5)
-    found = power(array, [[1, 1], [1j, 0]])
+    found = power(array, np.array([[1, 1], [1j, 0]]))
     assert (found.acoustic, found.greatest) == pytest.approx((1.5 * alone, 2 * alone), rel=1e-5)
     assert found.switching == pytest.approx(1.5 * 2.55e-9 * 15**2 * 40e3)
     assert found.skin == pytest.approx(absorbed_share() * found.acoustic)
