@@ -3,7 +3,7 @@
 ========== ===============================================================================================
 am         all points at once; their strength rises and falls (amplitude modulation)
 two-sided  the points in two halves that take turns, the paper's section 3.4
-lm         all points at once; each moves to and fro along its line (lateral modulation)
+lm         all points at once; each moves to and fro across its line (lateral modulation)
 stm        one focus, or few, draws the lines, round after round (spatio-temporal modulation)
 ========== ===============================================================================================
 
@@ -54,6 +54,8 @@ SPEEDS = 0.01, 50.0
 """In m/s."""
 POINT = 5e-3
 """An outline shorter than this, in metres, is felt as a point: a focus is 9 mm wide."""
+UPRIGHT = 0.1
+"""Sine of the angle between a line and the array's normal below which nothing is across to both."""
 STEPS = PHASE_LEVELS // 2
 PHASORS = np.exp(2j * np.pi * (np.arange(STEPS) + 0.5) / STEPS).astype(np.complex64)
 """Of the phases of a pulse of constant odd width, from 0 on."""
@@ -173,21 +175,21 @@ class Halves:
 
 @dataclass(frozen=True)
 class Lateral:
-    """Lateral modulation: foci move to and fro along their lines, and stay on all the time.
+    """Lateral modulation: foci move to and fro across their lines, level with the array, and stay on all the time.
 
     Parameters
     ----------
     frequency : float
-        In hertz. At 10 to 200 Hz it is felt more strongly than amplitude modulation of the same peak pressure
-        (Takahashi, Hasegawa and Shinoda, IEEE Trans. Haptics 13, 334, 2020). At 5 to 15 Hz, with steps below a
-        millimetre, it is felt as steady pressure (Morisaki, Fujiwara, Makino and Shinoda, IEEE Trans. Haptics 15, 441,
-        2022).
+        In hertz. At 10 to 200 Hz it is felt more strongly than amplitude modulation of the same strength (Takahashi,
+        Hasegawa and Shinoda, IEEE Trans. Haptics 13, 334, 2020). At 5 to 15 Hz, with steps below a millimetre, it is
+        felt as steady pressure (Morisaki, Fujiwara, Makino and Shinoda, IEEE Trans. Haptics 15, 441, 2022). A line is
+        passed twice a period, so that 100 Hz push it 200 times a second.
     reach : float
-        How far a focus moves to either side, in metres.
+        How far a focus moves to either side, in metres; by default half of its width, so that it leaves its line.
     """
 
-    frequency: float = 50.0
-    reach: float = 3e-3
+    frequency: float = 100.0
+    reach: float = 5e-3
 
     name: ClassVar[str] = "lm"
 
@@ -206,7 +208,12 @@ class Lateral:
         count, hold = timing(self.frequency, solvers.most_frames, solvers.carrier)
         swing = self.reach * np.sin(2 * np.pi * (np.arange(count) + 0.5) / count)
         reached, rows = np.unique(swing.round(9), return_inverse=True)  # to and fro
-        places = outline.points.positions + reached[:, None, None] * outline.tangents
+        up = solvers.one.array.normals.mean(axis=0)
+        across = np.cross(up, outline.tangents)
+        upright = np.linalg.norm(across, axis=1, keepdims=True) < UPRIGHT
+        across = np.where(upright, outline.tangents, across)
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        places = outline.points.positions + reached[:, None, None] * across
         drives = steady(solvers.one.follow(places, outline.points.amplitudes, outline.ids))
         return Cycle(drives[rows], hold, carrier=solvers.carrier)
 

@@ -42,7 +42,8 @@ def heard(name: str) -> Heard:
     emitted = emitted_waves(bits, ARRAY, first, first + PERIODS)
     sound = audible(ARRAY, emitted.waves, emitted.pulses, seated(ARRAY))
     force = Playback(bits, ARRAY).intensity_component(SHAPE, 200.0, first, first + PERIODS).mean()
-    return Heard(*(float(sound.weighted(part).max()) for part in ("linear", "demodulated")), float(force))
+    linear, demodulated = (float(sound.weighted(part).max()) for part in ("linear", "demodulated"))
+    return Heard(linear, demodulated, float(force))
 
 
 def repeated(cycle: Cycle) -> tuple[Capture, int]:

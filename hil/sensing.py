@@ -1,0 +1,133 @@
+"""What a cycle of drives does as a device emits it: what skin feels, what ears hear, how loud and how strong it is.
+
+The cycle goes the whole way: pulses, blocks, five emulated boards, bits. `feel` judges the waves that the bits make.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..emulator import Emulator
+from ..feel.exposure import Exposure, exposure, seated
+from ..feel.hearing import Audible, audible
+from ..feel.perception import EVERY, FeltMap, feel
+from ..feel.power import RadiatedPower, power
+from ..feel.unfolding import SkinPlaces, Unfolded
+from ..feel.validity import Validity, validity
+from ..host import open_device
+from ..host.playing.cycles import play_cycle
+from ..solver import Cycle, Hand, Medium, Outline, TransducerArray, transfer_matrix
+from .emission import emitted_waves
+
+__all__ = ["Sensation", "sense", "skin_over"]
+
+LEAST_PERIODS = 4000
+"""0.1 s: of a stretch that is judged, at least; it is a whole number of cycles."""
+SETTLED_PERIODS = 400
+"""10 ms, after which the resonances have forgotten how it began."""
+TRIES = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Sensation:
+    """How a cycle is felt and heard.
+
+    Parameters
+    ----------
+    cycle : Cycle
+        As it was played.
+    felt : FeltMap
+        By skin.
+    sound : Audible
+        At the listeners.
+    exposure : Exposure
+        There, to ultrasound.
+    power : RadiatedPower
+        Of the array.
+    validity : Validity
+        Of the strongest pressure on the skin.
+    """
+
+    cycle: Cycle
+    felt: FeltMap
+    sound: Audible
+    exposure: Exposure
+    power: RadiatedPower
+    validity: Validity
+
+
+def skin_over(outline: Outline) -> Unfolded:
+    """A flat hand whose palm lies over the middle of an outline, facing the array."""
+    return Unfolded.of(Hand.flat(outline.points.centre))
+
+
+def sense(
+    cycle: Cycle,
+    places: SkinPlaces,
+    listeners: NDArray[np.float64] | None = None,
+    array: TransducerArray | None = None,
+    medium: Medium | None = None,
+) -> Sensation:
+    """Play a cycle on an emulated device, and judge what its outputs emit.
+
+    Parameters
+    ----------
+    cycle : Cycle
+        For 320 transducers.
+    places : SkinPlaces
+        k places of skin.
+    listeners : (j, 3) float, optional
+        Places of ears, in metres; those of a `seated` person by default.
+    array : TransducerArray, optional
+        By default that of the boards.
+    medium : Medium, optional
+        The air; 20 °C by default.
+
+    Raises
+    ------
+    ValueError
+        If the cycle does not fit the device, or as `feel`.
+    """
+    array, medium = array or TransducerArray.grid(), medium or Medium()
+    at = seated(array) if listeners is None else listeners
+    periods, every = _stretch(cycle.periods)
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        device.set_watchdog(60.0)
+        ack, _ = play_cycle(device, cycle)
+        first = ack.commit_period + SETTLED_PERIODS
+        emulator.run_until(first + periods)
+        emitted = emitted_waves(emulator.capture(), array, first, first + periods)
+    felt = feel(array, emitted.waves, places, medium, every=every)
+    peak, where = _strongest(array, emitted.waves[:: every * (1 + periods // LEAST_PERIODS)], places, medium)
+    return Sensation(
+        cycle,
+        felt,
+        audible(array, emitted.waves, emitted.pulses, at, medium),
+        exposure(array, emitted.waves, at, medium),
+        power(array, emitted.waves, medium),
+        validity(array, peak, where, medium),
+    )
+
+
+def _stretch(cycle: int) -> tuple[int, int]:
+    """Carrier periods to judge of a cycle of so many, and every how many of them its pressure is taken."""
+    least = -(-LEAST_PERIODS // cycle)
+    choices = [
+        (every, -count * cycle)
+        for count in range(least, least + TRIES)
+        for every in range(1, EVERY + 1)
+        if count * cycle % every == 0
+    ]
+    every, periods = max(choices)
+    return -periods, every
+
+
+def _strongest(
+    array: TransducerArray, waves: NDArray[np.complex64], places: SkinPlaces, medium: Medium
+) -> tuple[float, NDArray[np.float64]]:
+    """The greatest peak pressure on skin in Pa, and where it is."""
+    field = np.abs(transfer_matrix(array, places.positions, medium).astype(np.complex64) @ waves.T).max(axis=1)
+    return float(field.max()), places.positions[field.argmax()]
