@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.control import Control
@@ -21,18 +22,20 @@ from ..host.hands.pose import Pose
 from ..host.hands.sources import HandSource, files_of, open_hands
 from ..host.lines.opening import DEFAULT_URL
 from ..host.playing.device import Device, open_device
+from ..host.touching.fields import Limit
 from ..host.touching.log import TouchLog, log_path
 from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop, TouchMoment
 from ..host.touching.report import TouchReport
 from ..pictures import check_picture_path, save_figure
+from ..protocol.board import TICKS_PER_PERIOD
 from ..protocol.plain import plain
-from ..protocol.pulses import Pulses
 from ..protocol.replies import Status
 from ..signals import loading
-from ..solver import METHODS, TransducerArray
+from ..solver import METHODS, Medium, TransducerArray
 from ..solver.contact.mesh import Mesh
 from ..solver.contact.solids import SOLIDS
 from ..solver.contact.touch import LEAST_SPACING, MOST_POINTS, Toucher
+from ..solver.fields.quantities import sound_pressure_level
 from ..solver.methods.modulation import FREQUENCY
 from ..solver.objects.parsing import MovingObject, object_help, object_name, parse_object
 from ..solver.shapes.curves import SPACING
@@ -46,14 +49,17 @@ from .options import (
     PoseOption,
     load_calibration,
 )
-from .playing import array_of
+from .playing import array_of, check_render
 from .points import ArrayOption, load_array
+from .rendering import RENDER_HELP, SQUARE, RenderOption
 from .viewing import ViewOption, viewed_device, watching
 
 __all__ = ["commands", "read_objects", "warn_of_notes"]
 
 commands = typer.Typer(rich_markup_mode=None)
 
+SHORTEST_PULSE = math.sin(math.pi / TICKS_PER_PERIOD)
+"""Of one tick, as a drive."""
 BACK = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
 HANDS = "gesture:sweep"
 
@@ -87,7 +93,7 @@ class _Best:
 
     def __call__(self, moment: TouchMoment) -> None:
         """Consider the next moment."""
-        if moment.fields is None or moment.touch.points is None:
+        if moment.cycle is None or moment.touch.points is None:
             return
         points = float(moment.fading.levels.sum())
         if points > self._points:
@@ -103,6 +109,9 @@ soon as they are there. The halves take turns 200 times a second. Without a hand
 the hands, the outputs are silent within 50 ms. A line that is too slow for a block in each turn, such as most
 UARTs, leaves the turns to the device, and limits how often a new pose is played.
 
+With --render the points, or the cuts themselves, are rendered in another way. The device repeats the fields of each
+pose from its memory, at most 24, fewer on a slow line; a new pose takes longer to arrive.
+
 An object is a name or a file with what differs from its defaults, such as sphere:size=0.06,turn=90 or
 cup.stl:scale=0.001 . Its centre is put at x, y, z.
 
@@ -110,9 +119,10 @@ cup.stl:scale=0.001 . Its centre is put at x, y, z.
 {object_help()}
 
 Of an emulated device and a gesture or a recording the time passes as fast as this computer allows.
-""",
+{RENDER_HELP}""",
 )
 def touch(
+    context: typer.Context,
     objects: Annotated[
         list[str],
         typer.Argument(
@@ -151,6 +161,15 @@ def touch(
     frequency: Annotated[
         float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points alternate.")
     ] = FREQUENCY,
+    render: RenderOption = None,
+    max_exposure: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DB",
+            help="Turn the drive down so that this level is kept at the head of a person who sits at the array, in dB "
+            "re 20 µPa rms; published limits are 100 (the public) and 110 (at work).",
+        ),
+    ] = None,
     rate: Annotated[
         float | None, typer.Option(min=1e-3, help="Frames of hands per second at most; by default all that come.")
     ] = None,
@@ -194,6 +213,11 @@ def touch(
     )
     for drawn in filter(None, (picture, timeline)):
         check_picture_path(drawn)
+    if render is not None:
+        check_render(context, "frequency")
+        if timeline is not None:
+            raise ValueError("--timeline follows the halves that alternate; leave out --render, or --timeline")
+    way = render or f"{SQUARE},frequency={frequency}"
     placed, own = None if pose is None else Pose.load(pose), load_array(array)
     toucher = Toucher(spacing, corners, points)
     out, meter, best = console_for(json_target), _Meter(error_console()), _Best()
@@ -206,7 +230,7 @@ def touch(
         transducers = array_of(opened.info, own)
         seen: list[Callable[[TouchMoment], None]] = [best] if picture or timeline else []
         if recording is not None:
-            seen.append(stack.enter_context(TouchLog(recording, source.rate, frequency, hand, placed)))
+            seen.append(stack.enter_context(TouchLog(recording, source.rate, way, hand, placed)))
         loop = TouchLoop(
             opened,
             source,
@@ -214,11 +238,12 @@ def touch(
             toucher,
             transducers,
             method=method,
-            frequency=frequency,
+            render=way,
             ramp=ramp,
             predict=predict,
             most_points=points,
             rate=rate,
+            limit=None if max_exposure is None else _limit_of(transducers, max_exposure),
             on_moment=partial(_each, seen),
         )
         with error_console().status("loading"):
@@ -240,7 +265,9 @@ def touch(
             failure = error
         finally:
             meter.end()
-            _tell(out, meter.last)
+            _tell(out, meter.last, default=render is None)
+        if max_exposure is not None:
+            out.print(_kept(max_exposure, meter.last.least_gain))
         final = _final(opened, failure)
         said = "" if ended is None else f"Ended: {ended}. "
         out.print(f"{said}The outputs are off." if final else "The device's watchdog turns the outputs off.")
@@ -248,6 +275,8 @@ def touch(
             json_target,
             told
             | {
+                "render": way,
+                "max_exposure_db": max_exposure,
                 "touch": meter.last.record(),
                 "ended": ended,
                 "error": None if ended else str(failure),
@@ -257,7 +286,7 @@ def touch(
         if failure is not None:
             raise failure
     for path, draw in (
-        (picture, partial(_draw, transducers, meter.last.frequency_hz)),
+        (picture, partial(_draw, transducers)),
         (timeline, partial(_draw_way, toucher, method)),
     ):
         if path is not None and best.moment is None:
@@ -314,7 +343,7 @@ def _each(seen: Sequence[Callable[[TouchMoment], None]], moment: TouchMoment) ->
         look(moment)
 
 
-def _tell(out: Console, report: TouchReport) -> None:
+def _tell(out: Console, report: TouchReport, *, default: bool) -> None:
     """Report on the hands."""
     out.print(f"{report}.")
     if report.latency.count:
@@ -322,21 +351,46 @@ def _tell(out: Console, report: TouchReport) -> None:
         out.print(f"Of the latency, medians in ms: {stages}.")
     if report.notes:
         out.print(f"The last note on the hands: {report.last_note}.")
-    if report.stored:
+    if report.stored and default:
         out.print(
             "The line is too slow for a block in each turn: the device took the turns from its memory, and the line "
             "limited how often a new pose was played."
         )
 
 
-def _draw(array: TransducerArray, frequency: float, path: Path, moment: TouchMoment) -> None:
+def _limit_of(array: TransducerArray, limit_db: float) -> Limit:
+    """Keeps a level, in dB re 20 µPa rms, at the head of a person who sits at an array."""
+    if not math.isfinite(limit_db):
+        raise ValueError(f"an exposure limit of {limit_db} dB must be finite, such as 110")
+    with loading():
+        from ..feel.arriving import responses
+        from ..feel.exposure import seated
+
+    matrix = responses(array, seated(array), Medium()).T
+    relative = (matrix * 10 ** ((sound_pressure_level(1.0) - limit_db) / 20)).astype(np.complex64)  # 1 is at the limit
+    return lambda drives: 1 / max(1.0, float(np.abs(drives @ relative).max()))
+
+
+def _kept(limit_db: float, least_gain: float) -> str:
+    """What a limit of exposure has cost."""
+    kept = f"At the head of a person who sits at the array {limit_db:g} dB were kept"
+    if least_gain == 1:
+        return f"{kept}, at full drive."
+    down = f"{kept}; drives were turned down by up to {-20 * math.log10(least_gain):.0f} dB."
+    if least_gain < SHORTEST_PULSE / 2:
+        down += " From 30 dB on outputs are silent, because pulses are whole ticks."
+    return down
+
+
+def _draw(array: TransducerArray, path: Path, moment: TouchMoment) -> None:
     """Draw a moment, and the field as an emulated device emits it."""
     with loading():
         from ..hil.touch_picture import save_touch_picture
         from ..hil.touching import as_emitted
 
-    assert moment.fields is not None
-    emitted = as_emitted([Pulses(*rows) for rows in zip(*moment.fields, strict=True)], frequency)
+    assert moment.cycle is not None
+    frames = moment.cycle.frames
+    emitted = as_emitted([frames.pulses(number) for number in range(len(frames.phase))], moment.cycle.hold)
     source = "the bits that emulated boards play for the pulses that were sent"
     save_touch_picture(path, moment.hands, moment.objects, moment.touch, emitted, array, source)
 

@@ -34,7 +34,11 @@ IN_PLANE = 10e-3  # metres from the plane at which a thing is drawn in it
 
 # From the palette of Okabe and Ito, which people with any colour vision can tell apart; markers differ as well.
 OBJECT, HAND, ARC = "#555555", "#E69F00", "#0072B2"
-HALVES = (("first", "#D55E00", "o"), ("second", "#009E73", "^"))
+HALVES = (("points of the first half", "#D55E00", "o"), ("points of the second half", "#009E73", "^"))
+WHOLE = (("control points", "#D55E00", "o"),)
+
+Kinds = Sequence[tuple[str, str, str]]
+"""Label, colour and marker of each kind of points."""
 
 
 @printed()
@@ -74,23 +78,24 @@ def save_touch_picture(
     from matplotlib import rc_context  # importing matplotlib takes as long as everything else together
 
     at = touch.points.positions
-    halves = np.abs([pressure(array, drive, at) for drive in emitted.weights @ emitted.drives])
-    louder = halves.argmax(axis=0)
+    fields = np.abs([pressure(array, drive, at) for drive in emitted.weights @ emitted.drives])
+    kinds: Kinds = HALVES if len(fields) == 2 else WHOLE
+    louder = fields.argmax(axis=0) if len(fields) == 2 else np.zeros(len(at), np.intp)
     grid = plane_of(at, float(array.positions[:, 2].max()))
     figure = new_figure(5.6, LANDSCAPE)
     sides = figure.add_gridspec(1, 2, width_ratios=[1, 1.08])
     left, right = figure.add_subfigure(sides[0]), figure.add_subfigure(sides[1])
     with rc_context({"grid.color": "0.88"}):  # three-dimensional axes need it when they are made
         space: Axes3D = left.add_subplot(projection="3d")
-    _draw_scene(space, hands, objects, touch, louder, array, grid)
+    _draw_scene(space, hands, objects, touch, kinds, louder, array, grid)
     axes = right.subplots()
-    _draw_plane(axes, hands, touch, louder, emitted, array, grid)
+    _draw_plane(axes, hands, touch, kinds, louder, emitted, array, grid)
     handles = {
         label: handle for each in (space, axes) for handle, label in zip(*each.get_legend_handles_labels(), strict=True)
     }
     left.legend(handles.values(), handles, loc="outside lower center", ncols=2, frameon=False, fontsize="small")
     figure.suptitle(f"{counted(len(at), 'control point')} on {counted(len(touch.arcs), 'arc')}")
-    figure.supxlabel(_caption(touch, halves.max(axis=0), emitted, array, source), fontsize="medium")
+    figure.supxlabel(_caption(touch, fields.max(axis=0), emitted, array, source), fontsize="medium")
     save_figure(figure, path)
 
 
@@ -170,6 +175,7 @@ def _draw_scene(
     hands: Sequence[Hand],
     objects: Sequence[Mesh],
     touch: Touch,
+    kinds: Kinds,
     louder: NDArray[np.intp],
     array: TransducerArray,
     grid: Grid,
@@ -197,9 +203,9 @@ def _draw_scene(
     axes.plot(*(frame * MM).T, color="0.5", linewidth=0.8, linestyle="--", label="plane of the field")
     for number, arc in enumerate(touch.arcs):
         axes.plot(*(arc * MM).T, color=ARC, linewidth=2, label="arcs" if number == 0 else None)
-    for half_number, (name, colour, marker) in enumerate(HALVES):
-        mine = touch.points.positions[louder == half_number] * MM
-        axes.scatter(*mine.T, color=colour, marker=marker, s=34, depthshade=False, label=f"points of the {name} half")
+    for kind, (name, colour, marker) in enumerate(kinds):
+        mine = touch.points.positions[louder == kind] * MM
+        axes.scatter(*mine.T, color=colour, marker=marker, s=34, depthshade=False, label=name)
     axes.plot([], [], color=OBJECT, label="object")
     axes.plot([], [], color=HAND, linewidth=6, alpha=0.4, label="hand")
     shown = [array.positions, *(mesh.vertices for mesh in objects), *(hand.quads.reshape(-1, 3) for hand in hands)]
@@ -218,12 +224,13 @@ def _draw_plane(
     axes: Axes,
     hands: Sequence[Hand],
     touch: Touch,
+    kinds: Kinds,
     louder: NDArray[np.intp],
     emitted: Modulation,
     array: TransducerArray,
     grid: Grid,
 ) -> None:
-    """Draw the larger |p| of both halves over the plane, and what lies in it."""
+    """Draw the largest |p| of all fields in turn over the plane, and what lies in it."""
     assert touch.points is not None
     fields = np.stack([sample_cut(array, drive, grid).pressure for drive in emitted.weights @ emitted.drives])
     largest = np.take_along_axis(fields, np.abs(fields).argmax(axis=0)[None], axis=0)[0]
@@ -243,24 +250,25 @@ def _draw_plane(
     for arc in touch.arcs:
         axes.plot(*np.where(near(arc)[:, None], flat(arc), np.nan).T, color="#7fdfff", linewidth=0.8)
     at = touch.points.positions
-    for number, (_, colour, marker) in enumerate(HALVES):
-        mine = at[(louder == number) & near(at)]
+    for kind, (_, colour, marker) in enumerate(kinds):
+        mine = at[(louder == kind) & near(at)]
         if len(mine):
             axes.plot(*flat(mine).T, marker, mfc=colour, mec="w", ms=8, mew=1)
     away = at[~near(at)]
     if len(away):
         axes.plot(*flat(away).T, "x", color="0.6", ms=6, label=f"points more than {IN_PLANE * MM:g} mm off the plane")
     low, high = flat(grid.positions()[0, 0]), flat(grid.positions()[-1, -1])
-    axes.set(title=_name_of(grid), xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    axes.set(title=_name_of(grid, len(fields)), xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
 
-def _name_of(grid: Grid) -> str:
+def _name_of(grid: Grid, fields: int) -> str:
     tilt = float(np.degrees(np.arccos(min(abs(grid.normal[2]), 1.0))))
     centre = ", ".join(f"{place:.0f}" for place in np.round(grid.centre * MM) + 0.0)
     where = (
         f"{grid.centre[2] * MM:.0f} mm above the array" if tilt < 0.05 else f"tilted by {tilt:.0f}° about ({centre}) mm"
     )
-    return f"Larger |p| of both halves on the plane nearest to the points,\n{where}"
+    which = "Larger |p| of both halves" if fields == 2 else f"Largest |p| of {counted(fields, 'field')}"
+    return f"{which} on the plane nearest to the points,\n{where}"
 
 
 def _caption(
@@ -268,11 +276,14 @@ def _caption(
 ) -> str:
     assert touch.points is not None
     length = sum(float(np.linalg.norm(np.diff(arc, axis=0), axis=1).sum()) for arc in touch.arcs)
-    felt = intensity_component(array, emitted, touch.points.positions)
+    harmonics = range(1, max(len(emitted.weights) // 2, 1) + 1)
+    changes = [intensity_component(array, emitted, touch.points.positions, harmonic) for harmonic in harmonics]
+    strongest = int(np.argmax([change.mean() for change in changes]))
+    felt, frequency = changes[strongest], harmonics[strongest] * emitted.true_frequency
     return (
         f"Arcs of {length * MM:.0f} mm. At the points |p| is {loudest.mean():.0f} Pa on average, "
         f"{loudest.min():.0f} to {loudest.max():.0f} Pa (peak, linear model).\nThe intensity changes at "
-        f"{emitted.true_frequency:g} Hz by {felt.mean() / 1e6:.2f} kPa² on average, {felt.min() / 1e6:.2f} kPa² at "
+        f"{frequency:.4g} Hz by {felt.mean() / 1e6:.2f} kPa² on average, {felt.min() / 1e6:.2f} kPa² at "
         f"the weakest.\n"
         f"Field as emitted: drives rebuilt from {source}."
     )

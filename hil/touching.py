@@ -145,22 +145,21 @@ def run_touch(intended: TwoSided, emulator: Emulator) -> TouchRun:
     return TouchRun(intended, *_played(drives, steps, emulator))
 
 
-def as_emitted(halves: Sequence[Pulses], frequency: float) -> Modulation:
-    """The drives that an emulated device emits for two alternating frames, rebuilt from the bits of its outputs.
+def as_emitted(frames: Sequence[Pulses], hold: int) -> Modulation:
+    """The drives that an emulated device emits for frames in turn, rebuilt from the bits of its outputs.
 
     Parameters
     ----------
-    halves : sequence of Pulses
-        Two frames, as sent to a device.
-    frequency : float
-        Of the modulation, in hertz.
+    frames : sequence of Pulses
+        One to 256, as sent to a device.
+    hold : int
+        Carrier periods for which each is played.
     """
-    half = round(CARRIER_HZ / (2 * frequency))
     with Emulator() as emulator:
-        ack, capture = _played(halves, ((0, half), (1, half)), emulator)
-    ticks = [(ack.commit_period + periods) * TICKS_PER_PERIOD for periods in (0, half)]
-    first, second = (emission(capture.bits(tick, tick + TICKS_PER_PERIOD), capture.wiring) for tick in ticks)
-    return Modulation.two_sided(first, second, CARRIER_HZ / (2 * half))
+        ack, capture = _played(frames, [(slot, hold) for slot in range(len(frames))], emulator)
+    ticks = [(ack.commit_period + number * hold) * TICKS_PER_PERIOD for number in range(len(frames))]
+    drives = [emission(capture.bits(tick, tick + TICKS_PER_PERIOD), capture.wiring) for tick in ticks]
+    return Modulation(drives, np.eye(len(drives)), CARRIER_HZ / (len(drives) * hold))
 
 
 def _played(frames: Iterable[Frame], steps: Sequence[tuple[int, int]], emulator: Emulator) -> tuple[Ack, Capture]:

@@ -56,19 +56,21 @@ def _over_fields(name: str, reduce: Callable[..., NDArray[np.floating]]) -> Imag
 
 
 def _change(p: Complex, air: Medium) -> NDArray[np.floating]:
-    """Amplitude of the fundamental of an intensity that jumps between two values: 2/π of their difference."""
-    first, second = (intensity(half, air) for half in p)
-    return np.asarray(2 / np.pi * np.abs(first - second))
+    """Amplitude of the strongest harmonic of an intensity in equal steps; of two steps 2/π of their difference."""
+    steps = len(p)
+    harmonics = np.fft.rfft(intensity(p, air), axis=0)[1:]
+    smooth = np.sinc(np.arange(1, len(harmonics) + 1) / steps) * 2 / steps
+    return np.asarray(np.max(np.abs(harmonics) * smooth.reshape(-1, *[1] * (p.ndim - 1)), axis=0))
 
 
 IMAGE_QUANTITIES = {
     "pressure": _over_fields("pressure", np.max),
     "intensity": _over_fields("intensity", np.mean),
     "radiation": _over_fields("radiation", np.mean),
-    "felt": ImageQuantity("Change of intensity at the modulation frequency", "W/m² (amplitude)", _change, fields=2),
+    "felt": ImageQuantity("Change of intensity at its strongest frequency", "W/m² (amplitude)", _change, fields=2),
     "phase": ImageQuantity("Phase", "°", lambda p, _: np.angle(p[0]) % TURN, cyclic=True),
 }
-"""What an image can show. Pressure is that of the stronger half, intensities are means over both halves."""
+"""What an image can show. Pressure is that of the strongest field, intensities are means over all that alternate."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,9 @@ TAPES = (FRAMES, TOUCH, HANDS)
 """Suffixes of recordings that can be shown."""
 MOST_MOMENTS = 100_000
 """Of a recording of touch: a quarter of an hour at 110 frames a second."""
+MOST_IN_TURN = 256
+MOST_FIELDS = 1_000_000
+"""In all; each takes 640 bytes of memory. They are six minutes of 24 fields in turn, 110 times a second."""
 MOST_TIME = 1e9
 MOST_AMPLITUDE = 1e3
 """Of a point, relative to the others."""
@@ -163,7 +166,7 @@ class _Played(NamedTuple):
 
     def seen(self) -> dict[str, Any]:
         """As fields of a `Snapshot`."""
-        drives = np.stack([self.pulses.pulses(half).to_drive() for half in range(2)])
+        drives = np.stack([self.pulses.pulses(number).to_drive() for number in range(len(self.pulses.phase))])
         return {"drives": drives, "points": self.points, "ids": self.ids}
 
 
@@ -180,6 +183,7 @@ def _read_hands(path: Path) -> list[tuple[float, tuple[Hand, ...]]]:
 def _read_touch(path: Path, transducers: int) -> list[tuple[float, _Played]]:
     """What was played, line by line, up to the last whole one."""
     found: list[tuple[float, _Played]] = []
+    fields = 0
     with open_plain(path) as file:
         for number in count(1):
             line = file.readline(MOST_LINE_BYTES)
@@ -196,6 +200,9 @@ def _read_touch(path: Path, transducers: int) -> list[tuple[float, _Played]]:
                     raise ValueError(f"its time is {moment:g} s; times must not decrease")
             except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
                 raise InputFileError(f"{path}, line {number}: {error}") from error
+            fields += len(played.pulses.phase)
+            if fields > MOST_FIELDS:
+                raise InputFileError(f"{path} holds more than {MOST_FIELDS} fields, which is too long for a page")
             _check_length(path, len(found))
             found.append((moment, played))
     return found
@@ -208,8 +215,10 @@ def _check_length(path: Path, moments: int) -> None:
 
 def _played(record: dict[str, Any], transducers: int) -> tuple[float, _Played]:
     phase, width = (
-        np.frombuffer(b64decode(record[name]), np.uint8).reshape(2, transducers) for name in ("phase", "width")
+        np.frombuffer(b64decode(record[name]), np.uint8).reshape(-1, transducers) for name in ("phase", "width")
     )
+    if not 1 <= len(phase) == len(width) <= MOST_IN_TURN:
+        raise ValueError(f"it has {len(phase)} phases and {len(width)} widths; both must be from 1 to {MOST_IN_TURN}")
     pulses = PulseFrames(phase, width)
     check_pulses(pulses)
     positions, amplitudes = np.array(record["positions"], float).reshape(-1, 3), np.array(record["amplitudes"], float)

@@ -85,7 +85,7 @@ class Snapshot:
     Parameters
     ----------
     drives : (k, n) complex
-        What the transducers emit: one field, or two that alternate.
+        What the transducers emit: one field, or some that alternate.
     period : int
         Carrier period of the device's time.
     state : str

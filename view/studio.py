@@ -37,6 +37,7 @@ from ..solver import Toucher, TransducerArray
 from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
 from ..solver.objects.parsing import MovingObject
+from ..solver.rendering.ways import Halves
 from .comparing import gains_of
 from .hands import MouseHands
 from .newest import NewestTask
@@ -175,7 +176,7 @@ class Studio(Director):
             Toucher(settings.spacing, settings.corners),
             self._array,
             method=settings.method,
-            frequency=settings.frequency,
+            render=Halves(settings.frequency, "square"),
             on_moment=self._seen,
         )
         loop.set_gains(gains_of(settings, len(self._array)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from math import inf
 from types import TracebackType
@@ -18,6 +18,7 @@ from ..errors import DeviceError
 from ..host import Device
 from ..host.touching.loop import TouchLoop, TouchMoment
 from ..host.touching.report import TouchReport
+from ..host.touching.turns import Alternation
 from ..protocol.board import BOARDS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
 from ..protocol.codes import Feature
 from ..protocol.plain import flag_names
@@ -27,7 +28,7 @@ from .newest import NewestTask
 from .snapshot import Rig, Snapshot, Waves
 from .view import View
 
-__all__ = ["BITS", "EXACT", "Alternation", "Tap", "rig_of"]
+__all__ = ["BITS", "EXACT", "Tap", "rig_of"]
 
 RATE, READ_BACK_RATE = 40.0, 5.0
 """Snapshots per second: of an emulated device, whose bits are in this process, and of another, which must be asked."""
@@ -43,26 +44,6 @@ STARTING, UNREADABLE = "the device is starting", "the device cannot be read back
 def rig_of(device: Device, array: TransducerArray) -> Rig:
     """What a view shows of a device with an array."""
     return Rig(array, device.name, device.wiring(), device.calibration)
-
-
-@dataclass(frozen=True)
-class Alternation:
-    """Two fields that take turns.
-
-    Parameters
-    ----------
-    half : int
-        Carrier periods for which each plays.
-    begins : int
-        A period at which the first one begins.
-    """
-
-    half: int
-    begins: int = 0
-
-    def number(self, period: int) -> int:
-        """Which of the two plays in a period, 0 or 1."""
-        return (period - self.begins) // self.half % 2
 
 
 class Tap:
@@ -124,7 +105,7 @@ class Tap:
         Parameters
         ----------
         turns : Alternation, optional
-            How two fields take turns; by default there is one.
+            How fields take turns; by default there is one.
         **seen
             Other fields of `Snapshot`.
         """
@@ -133,7 +114,7 @@ class Tap:
     def take_moment(self, moment: TouchMoment, loop: TouchLoop) -> None:
         """Show what hands touch and what a loop plays for it, if it is time."""
         if self.due:
-            self._take(Alternation(loop.half_periods), partial(self._touched, moment, loop))
+            self._take(loop.alternation, partial(self._touched, moment, loop))
 
     def inject(self, board: int, fault: str, seconds: float) -> None:
         """Name a fault that was injected at its board: the device does not know of which board a fault is."""
@@ -217,7 +198,8 @@ class Tap:
     def _read_back(self, turns: Alternation | None) -> tuple[NDArray[Any], int, str]:
         """What a device says that it plays: fields, the period, and where they come from.
 
-        Of two fields one plays; the other is shown as it was last read, as soon as it was.
+        Of two fields one plays; the other is shown as it was last read, as soon as it was. Of more the one that plays
+        is shown.
         """
         if Feature.READ_BACK not in self._device.info.features:
             return self._silence, 0, UNREADABLE
@@ -229,7 +211,7 @@ class Tap:
         if turns is None or turns != self._turns or not drive.any():
             self._halves.clear()
         self._turns = turns
-        if turns is not None:
+        if turns is not None and turns.count == 2:
             self._halves[turns.number(read.read_period)] = drive
         both = [self._halves[number] for number in range(2)] if len(self._halves) == 2 else [drive]
         return np.stack(both), read.read_period, READ_BACK
@@ -263,15 +245,16 @@ class Tap:
 
 
 def _fields(capture: Capture, last: int, turns: Alternation | None) -> NDArray[np.complex64]:
-    """What was emitted up to a period: two fields in turn, (2, n), or one, (1, n)."""
+    """What was emitted up to a period: each of some fields in turn when it played last, or a single one, (k, n)."""
     begin = -(-capture.start_tick // TICKS_PER_PERIOD)
     if turns is None:
         recent: NDArray[np.complex64] = capture.drives(max(begin, last + 1 - STRONGEST_PERIODS), last + 1)
         recent = recent[::-STRONGEST_STEP]
         return np.asarray(recent[np.abs(recent).sum(axis=1).argmax()][None])
-    before = max(begin, last - (last - turns.begins) % turns.half - 1)
-    pair = [capture.drives(period, period + 1)[0] for period in (last, before)]
-    return np.stack(pair if turns.number(last) == 0 else pair[::-1])
+    ended = last - (last - turns.begins) % turns.hold - 1
+    periods = [last, *(max(begin, ended - number * turns.hold) for number in range(turns.count - 1))]
+    newest = np.stack([capture.drives(period, period + 1)[0] for period in periods])
+    return np.roll(newest[::-1], turns.number(last) + 1, axis=0)
 
 
 def touch_figures(report: TouchReport) -> tuple[tuple[str, str], ...]:

@@ -401,7 +401,8 @@ class View:
 
     def _arrays(self, snapshot: Snapshot) -> dict[str, NDArray[Any]]:
         magnitudes = np.abs(snapshot.drives)
-        stronger = magnitudes.argmax(axis=0), np.arange(snapshot.drives.shape[1])
+        strongest = magnitudes.argmax(axis=0) if len(magnitudes) <= 2 else magnitudes.sum(axis=1).argmax()
+        stronger = strongest, np.arange(snapshot.drives.shape[1])
         arcs = [np.stack([arc[:-1], arc[1:]], axis=1) for arc in snapshot.arcs if len(arc) > 1]
         arrays: dict[str, NDArray[Any]] = {
             "phase": (np.angle(snapshot.drives[stronger]) % (2 * np.pi) * (256 / (2 * np.pi)))
@@ -435,11 +436,10 @@ class View:
         lines = [("Place", f"{x:.1f}, {y:.1f}, {z:.1f} mm")]
         if self.rig.wiring is not None:
             lines += [("Board", str(pin.board)), ("Processor", str(pin.processor)), ("Bit", str(pin.bit))]
-        for half, drive in enumerate(snapshot.drives[:, number]):
+        for of, drive in _of_each(snapshot.drives[:, number]):
             pulse = Pulses.from_drive(np.array([drive]))
             said = f"{pulse.width[0]} ticks wide, centred at {pulse.phase[0]} of {HALF_TICKS_PER_PERIOD} half ticks"
             emitted = f"{abs(drive):.3f} of full drive, {np.rad2deg(np.angle(drive)) % 360:.1f}°"
-            of = f" of half {half}" if len(snapshot.drives) > 1 else ""
             lines += [(f"Pulse{of}", said), (f"Emits{of}", emitted)]
         if (calibration := self.rig.calibration) is not None:
             dead = ", dead" if calibration.dead[number] else ""
@@ -485,6 +485,13 @@ def _colours(table: Any) -> NDArray[np.uint8]:
     """256 colours of a map, (256, 3), evenly from its beginning to before its end."""
     colours: NDArray[np.uint8] = np.asarray(table(np.arange(256) / 256, bytes=True), np.uint8)
     return colours[:, :3]
+
+
+def _of_each(drives: NDArray[Any]) -> list[tuple[str, complex]]:
+    """A transducer's drives in the fields that alternate, with the name of each; of many the strongest."""
+    if len(drives) > 2:
+        return [(f", strongest of {len(drives)} fields", drives[np.abs(drives).argmax()])]
+    return [(f" of half {half}" if len(drives) > 1 else "", drive) for half, drive in enumerate(drives)]
 
 
 def _drives(given: Any, transducers: int) -> tuple[NDArray[np.complexfloating], NDArray[np.float64] | None]:

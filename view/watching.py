@@ -12,10 +12,11 @@ from ..emulator import Emulator
 from ..host import Device, StreamReport
 from ..host.playing.frames import Frame, Frames, frame_source
 from ..host.touching.loop import TouchLoop, TouchMoment
+from ..host.touching.turns import Alternation
 from ..solver import ControlPoints, TransducerArray
 from .snapshot import rows_of
 from .stopping import Stopper
-from .tap import Alternation, Tap, rig_of
+from .tap import Tap, rig_of
 from .view import Director, View
 
 __all__ = ["Watch", "watch"]

@@ -1,43 +1,88 @@
-"""From points to the pulses of two fields in turn."""
+"""From points and arcs to the pulses of the fields that are played in turn."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...protocol.board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
+from ...protocol.pulses import Pulses
 from ...protocol.quantise import PulseFrames, quantise
-from ...solver import ControlPoints, TransducerArray, TwoSidedSolver
+from ...solver import ControlPoints, TransducerArray
+from ...solver.rendering.outline import Outline
+from ...solver.rendering.renderer import Renderer
+from ...solver.rendering.ways import Amplitude, Halves, Way
 from ..playing.calibration import Calibration
 from .fading import Fading
 
-__all__ = ["PoseSolver"]
+__all__ = ["Limit", "PoseSolver", "PulseCycle"]
+
+Limit: TypeAlias = Callable[[NDArray[np.complexfloating[Any, Any]]], float]
+"""The factor, at most 1, by which what transducers emit for a pose, (k, n) complex, must be turned down."""
+
+TURN_DOWN = 0.97
+"""The largest factor by which drives are turned down: a smaller change may be lost in whole ticks."""
+
+
+class PulseCycle(NamedTuple):
+    """A cycle of a rendering, as pulses: what is played for a pose, again and again."""
+
+    frames: PulseFrames
+    """The fields in turn, (k, n)."""
+    hold: int
+    """Carrier periods for which each is played."""
+    envelope: float = 0.0
+    """Frequency in Hz of an amplitude modulation on top, 0 for none."""
+
+    @property
+    def periods(self) -> int:
+        """Carrier periods that it lasts."""
+        return len(self.frames.phase) * self.hold
 
 
 class PoseSolver:
-    """Solves pose after pose: the two halves of the points, as pulses.
+    """Solves pose after pose: the cycle of fields for its points, as pulses.
 
     Parameters
     ----------
     array : TransducerArray
         Of the device.
+    way : Way, optional
+        In which points are rendered; None chooses for each pose, as ``auto`` does.
     method : str
         A key of `METHODS`.
-    frequency : float
-        Of the modulation, in Hz.
+    most_frames : int
+        Fields of a cycle, at most.
     calibration : Calibration, optional
         Of the device.
+    limit : callable, optional
+        Turns down a pose; see `Limit`.
     """
 
     def __init__(
-        self, array: TransducerArray, method: str, frequency: float, calibration: Calibration | None = None
+        self,
+        array: TransducerArray,
+        way: Way | None,
+        method: str,
+        most_frames: int,
+        calibration: Calibration | None = None,
+        limit: Limit | None = None,
     ) -> None:
-        self._solver = TwoSidedSolver(array, method, frequency=frequency)
-        self._calibration = calibration
+        self._renderer = Renderer(array, "auto" if way is None else way, method, most_frames=most_frames)
+        self._calibration, self._limit = calibration, limit
+        self.draws = not isinstance(way, Amplitude | Halves)
+        """Whether strokes matter, beside points."""
         self.gains: NDArray[np.float32] | None = None
         """(n,) factors of the drives, from 0 to 1; None for 1."""
+        self.least_gain = 1.0
+        """The smallest factor so far by which the limit has turned drives down."""
 
-    def solve(self, fading: Fading) -> PulseFrames:
-        """The fields of one pose, (2, n), from at least one point.
+    def solve(self, fading: Fading, strokes: Sequence[NDArray[np.float64]] = ()) -> PulseCycle:
+        """The fields of one pose, from at least one point, and from strokes on which the points are if `draws`.
 
         The amplitudes of points are relative to each other, so the strongest level turns down the whole, and the others
         their points beside it. A point begins with the phase that it had in the last pose.
@@ -45,14 +90,37 @@ class PoseSolver:
         Raises
         ------
         ValueError
-            As `TwoSidedSolver.solve`.
+            As `Renderer.render`.
         """
         points = ControlPoints.trusted(fading.positions, fading.amplitudes * fading.levels)
-        drives = self._solver.solve(points, fading.ids).drives * np.float32(fading.levels.max())
+        cycle = self._renderer.render(Outline(tuple(strokes), points, fading.ids))
+        drives = cycle.drives * np.float32(fading.levels.max())
         if self.gains is not None:
-            drives = drives * self.gains
-        return quantise(drives if self._calibration is None else self._calibration.apply(drives))
+            drives *= self.gains
+        return PulseCycle(self._pulses(drives), cycle.hold, cycle.envelope)
+
+    def _pulses(self, drives: NDArray[np.complexfloating]) -> PulseFrames:
+        """The pulses of drives, turned down until what is emitted, in whole ticks, keeps the limit."""
+        gain = 1.0
+        while True:
+            wanted = drives if gain == 1 else drives * np.float32(gain)
+            pulses = quantise(wanted if self._calibration is None else self._calibration.apply(wanted))
+            if self._limit is None or (factor := self._limit(self._emission(pulses))) >= 1:
+                self.least_gain = min(self.least_gain, gain)
+                return pulses
+            gain *= min(factor, TURN_DOWN)
+
+    def _emission(self, pulses: PulseFrames) -> NDArray[np.complexfloating]:
+        emitted: NDArray[np.complexfloating] = _drives()[pulses.phase, pulses.width]
+        return emitted if self._calibration is None else emitted * self._calibration.response
 
     def forget(self) -> None:
         """Begin the next pose from scratch."""
-        self._solver.forget()
+        self._renderer.forget()
+
+
+@cache
+def _drives() -> NDArray[np.complex64]:
+    """The drive of each pulse, by its phase and its width."""
+    phase, width = np.indices((HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS + 1))
+    return Pulses(phase.ravel(), width.ravel()).to_drive().reshape(phase.shape).astype(np.complex64)

@@ -1,18 +1,20 @@
 """What was felt and played, in two files: hands as a recording of hands, and beside it points and pulses.
 
-The second file has the suffix `LOG_SUFFIX`: JSON Lines, the first of which says what follows; then there is one for
-each frame that was played:
+The second file has the suffix `LOG_SUFFIX`: JSON Lines, the first of which says what follows, and in which way it was
+rendered (``render``); then there is one for each frame that was played:
 
 ==============  ========================================================================================
 ``time``        of the frame in s; the first frame of hands is at 0, as in the recording
 ``ids``         of the points, each stays as long as the point
 ``positions``   [x, y, z] of each in m, in the array's coordinates
 ``amplitudes``  relative to each other and to full strength, with their ramps
-``phase``       base64 of two rows of bytes: the pulses' phases in half ticks, of both fields in turn
-``width``       base64 of two rows of bytes: their widths in ticks
+``phase``       base64 of rows of bytes: the pulses' phases in half ticks, of each of the fields in turn
+``width``       base64 of rows of bytes: their widths in ticks
+``hold``        for how many carrier periods each field is played
+``envelope``    frequency in Hz of an amplitude modulation on top; 0 for none
 ==============  ========================================================================================
 
-``np.frombuffer(base64.b64decode(line["phase"]), np.uint8).reshape(2, -1)`` reads them.
+``np.frombuffer(base64.b64decode(line["phase"]), np.uint8).reshape(-1, 320)`` reads them.
 """
 
 from __future__ import annotations
@@ -62,17 +64,17 @@ class TouchLog:
         Of the recording of hands.
     rate : float
         Frames per second that can be expected.
-    frequency : float
-        Of the modulation, in Hz.
+    render : str
+        In which way the points are rendered, for people.
     source : str
         Where the hands come from, for people.
     pose : Pose, optional
         That was applied to the hands.
     """
 
-    def __init__(self, path: FilePath, rate: float, frequency: float, source: str, pose: Pose | None = None) -> None:
+    def __init__(self, path: FilePath, rate: float, render: str, source: str, pose: Pose | None = None) -> None:
         self._path, self._hands = log_path(path), HandRecorder(path, rate, source, pose)
-        self._head = {"format": FORMAT, "hands": Path(path).name, "source": source, "frequency_hz": frequency}
+        self._head = {"format": FORMAT, "hands": Path(path).name, "source": source, "render": render}
         self._stack: ExitStack
         self._file: BinaryIO
         self._origin: float | None = None
@@ -102,17 +104,19 @@ class TouchLog:
         if self._origin is None:
             self._origin = moment.time
         self._hands.write(moment.frame)
-        if moment.fields is None:
+        if moment.cycle is None:
             return
-        fading = moment.fading
+        fading, cycle = moment.fading, moment.cycle
         self._put(
             {
                 "time": round(moment.time - self._origin, DECIMALS),
                 "ids": fading.ids.tolist(),
                 "positions": fading.positions.round(DECIMALS).tolist(),
                 "amplitudes": (fading.amplitudes * fading.levels).round(DECIMALS).tolist(),
-                "phase": _text(moment.fields.phase),
-                "width": _text(moment.fields.width),
+                "phase": _text(cycle.frames.phase),
+                "width": _text(cycle.frames.width),
+                "hold": cycle.hold,
+                "envelope": cycle.envelope,
             }
         )
 

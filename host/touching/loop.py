@@ -1,7 +1,7 @@
 """The loop: hands in, fields out, and silence when there are none.
 
-It takes the newest frame of hands that is due, finds where they touch, lets the points fade in or out, solves both
-fields and sends the one whose turn it is. Between frames it keeps the turns going, and the ramps.
+It takes the newest frame of hands that is due, finds where they touch, lets the points fade in or out, renders them,
+and sends what is new. Between frames it keeps the turns going, and the ramps.
 
 It waits for the source no longer than until the next turn. A source that gives nothing for `STALL_SECONDS` is taken for
 a hand that has left: the field fades, and is silent 50 ms after the last frame. If this program itself is held up, or a
@@ -25,23 +25,24 @@ from numpy.typing import NDArray
 
 from ...errors import DeviceError, DeviceRefusedError, TrackerError
 from ...protocol.codes import Reason
-from ...protocol.quantise import PulseFrames
 from ...solver import TransducerArray
 from ...solver.contact.hand import Hand
 from ...solver.contact.mesh import Mesh
 from ...solver.contact.touch import MOST_POINTS, Touch, Toucher
 from ...solver.geometry import frozen
+from ...solver.rendering.outline import Outline
+from ...solver.rendering.ways import Way, parse_way
 from ...solver.shapes.points import reachable
 from ..hands.frames import HandFrame
 from ..hands.sources import HandSource
 from ..playing.device import Device
 from ..playing.session import WATCHDOG_BLOCKS
 from .fading import Fading
-from .fields import PoseSolver
+from .fields import Limit, PoseSolver, PulseCycle
 from .prediction import Predictor
 from .report import TouchReport
 from .tally import Tally
-from .turns import turns_for
+from .turns import Alternation, turns_for
 
 __all__ = ["MOST_RAMP_SECONDS", "RAMP_SECONDS", "SILENCE_SECONDS", "TouchLoop", "TouchMoment"]
 
@@ -95,8 +96,8 @@ class TouchMoment(NamedTuple):
         Arcs and points of the hands.
     fading : Fading
         The points that are played, with their ramps.
-    fields : PulseFrames or None
-        What is played for them in turn, (2, n); None in silence.
+    cycle : PulseCycle or None
+        What is played for them, again and again; None in silence.
     """
 
     frame: HandFrame
@@ -105,7 +106,7 @@ class TouchMoment(NamedTuple):
     objects: Sequence[Mesh]
     touch: Touch
     fading: Fading
-    fields: PulseFrames | None
+    cycle: PulseCycle | None
 
 
 class TouchLoop:
@@ -125,8 +126,9 @@ class TouchLoop:
         Of the device.
     method : str
         By which fields are solved.
-    frequency : float
-        Of the modulation, in Hz.
+    render : Way or str
+        In which way points are rendered; a text is read by `parse_way`. Two fields in turn, the default, are sent as
+        they come. For any other way the device repeats what it has stored, and a pose takes longer (`turns`).
     ramp : float
         Seconds in which a point comes and goes, 0 to `MOST_RAMP_SECONDS`.
     predict : bool
@@ -135,6 +137,8 @@ class TouchLoop:
         With those that fade out; the toucher's own limit by custom.
     rate : float, optional
         Frames per second that are taken at most; all by default.
+    limit : callable, optional
+        Turns down a pose, such as for people's ears; see `fields.Limit`.
     on_moment : callable, optional
         Is called with the `TouchMoment` of each frame, after its field was sent.
 
@@ -153,13 +157,15 @@ class TouchLoop:
         array: TransducerArray,
         *,
         method: str = "wgs",
-        frequency: float = 200.0,
+        render: Way | str = "two-sided:envelope=square",
         ramp: float = RAMP_SECONDS,
         predict: bool = True,
         most_points: int = MOST_POINTS,
         rate: float | None = None,
+        limit: Limit | None = None,
         on_moment: Callable[[TouchMoment], None] | None = None,
     ) -> None:
+        way = parse_way(render) if isinstance(render, str) else render
         if not 0 <= ramp <= MOST_RAMP_SECONDS:
             raise ValueError(f"a ramp of {ramp:g} s must lie between 0 and {MOST_RAMP_SECONDS:g} s")
         if rate is not None and not rate > 0:
@@ -174,12 +180,14 @@ class TouchLoop:
         self._clock, self._stops = device.time, device.stops
         self._watchdog_before = device.status().watchdog_ms / 1000
         self._watchdog = max(WATCHDOG_SECONDS, WATCHDOG_BLOCKS / device.most_updates_per_second)
-        self._turns = turns_for(device, frequency, self._watchdog)
-        self._fields = PoseSolver(array, method, frequency, device.calibration)
+        self._turns = turns_for(device, way, self._watchdog)
+        self._fields = PoseSolver(array, way, method, self._turns.most_frames, device.calibration, limit)
         self._follows = source.live and self._clock is not time  # an emulated device's time does not pass by itself
         self._wall_begin, self._begin = time.monotonic(), self._clock.monotonic()
         self._fading = Fading.nothing()
         self._points = NO_POINTS
+        self._strokes: tuple[NDArray[np.float64], ...] = ()
+        """Of what was touched last: points that fade out are on them still."""
         self._pose_at = self._heard_at = self._begin
         self._warm = self._stalled = False
         self._takes = 0.0
@@ -188,12 +196,12 @@ class TouchLoop:
     @property
     def report(self) -> TouchReport:
         """As it stands."""
-        return self._tally.report(self._clock.monotonic() - self._begin, self._turns)
+        return self._tally.report(self._clock.monotonic() - self._begin, self._turns, self._fields.least_gain)
 
     @property
-    def half_periods(self) -> int:
-        """How many carrier periods each of the two fields plays."""
-        return self._turns.half
+    def alternation(self) -> Alternation | None:
+        """How the fields take turns; None before the first."""
+        return self._turns.alternation
 
     def set_gains(self, gains: NDArray[np.float32]) -> None:
         """Scale the solved drive of each transducer by its gain, (n,) from 0 to 1, from the next pose on.
@@ -315,15 +323,15 @@ class TouchLoop:
         cut = perf_counter()
         if self._clock.monotonic() >= self._turns.due:  # it would be late after the solution
             self._turns.keep()
-        fields = self._pose(now, self._ramp)
+        cycle = self._pose(now, self._ramp)
         solved = perf_counter()
-        if fields is not None and self._turns.show(fields):
+        if cycle is not None and self._turns.show(cycle):
             sent = perf_counter()
             wait = max(now - stamp, 0.0)
             self._tally.sent(wait, cut - begun, solved - cut, sent - solved)
             self._takes += LEARNING * (sent - begun - self._takes)
         if self._on_moment is not None:
-            self._on_moment(TouchMoment(frame, stamp, hands, objects, touch, self._fading, fields))
+            self._on_moment(TouchMoment(frame, stamp, hands, objects, touch, self._fading, cycle))
 
     def _go_on(self) -> None:
         """Without a frame: keep ramps and turns going, and let the field fade if the source has stalled."""
@@ -332,8 +340,8 @@ class TouchLoop:
             self._stalled, self._points = True, NO_POINTS
             self._tally.stalls += len(self._fading) > 0
         if self._ramping and now >= self._pose_at + self._turns.pace:
-            fields = self._pose(now, min(self._ramp, STALL_RAMP_SECONDS) if self._stalled else self._ramp)
-            if fields is not None and self._turns.show(fields):
+            cycle = self._pose(now, min(self._ramp, STALL_RAMP_SECONDS) if self._stalled else self._ramp)
+            if cycle is not None and self._turns.show(cycle):
                 return
         if now >= self._turns.due:
             self._turns.keep()
@@ -359,11 +367,21 @@ class TouchLoop:
         if not inside.all():
             self._tally.out_of_reach += int((~inside).sum())
             points = TouchPoints(points.ids[inside], points.positions[inside], points.amplitudes[inside])
+        if self._fields.draws and len(points.ids):
+            self._strokes = self._reached_strokes(touch, points)
         self._tally.touched(len(points.ids))
         return points
 
-    def _pose(self, now: float, ramp: float) -> PulseFrames | None:
-        """Both fields for the points as they are now, with their ramps; None if there are none, in silence."""
+    def _reached_strokes(self, touch: Touch, points: TouchPoints) -> tuple[NDArray[np.float64], ...]:
+        """The parts of the arcs of a touch that the array can reach; if there are none, the points."""
+        reached: list[NDArray[np.float64]] = []
+        for stroke in Outline.of(touch).strokes:
+            inside = reachable(self._array, stroke)
+            reached += np.split(stroke, np.flatnonzero(np.diff(inside)) + 1)[not inside[0] :: 2]
+        return tuple(reached) or tuple(points.positions[:, None])
+
+    def _pose(self, now: float, ramp: float) -> PulseCycle | None:
+        """The fields for the points as they are now, with their ramps; None if there are none, in silence."""
         if not len(self._points.ids) and not len(self._fading):
             return None
         passed = now - self._pose_at
@@ -373,7 +391,7 @@ class TouchLoop:
         change = max(passed, SHORTEST_STEP_SECONDS) / ramp if ramp > 0 else 1.0
         self._fading = self._fading.step(*self._points, change, self._most)
         if len(self._fading):
-            return self._fields.solve(self._fading)
+            return self._fields.solve(self._fading, self._strokes)
         self._turns.silence()
         self._fields.forget()
         return None
@@ -399,8 +417,9 @@ class TouchLoop:
         above = self._array.positions.mean(axis=0) + WARM_UP_METRES * self._array.normals.mean(axis=0)
         points = frozen(above + np.eye(3) * 0.01)
         reachable(self._array, points)
-        for _ in range(2):
-            self._fields.solve(Fading.nothing().step(np.arange(3), points, np.ones(3), 1.0, 3))
+        warm = Fading.nothing().step(np.arange(3), points, np.ones(3), 1.0, 3)
+        for strokes in ((points,), (points, points)):  # as many as ``auto`` tells apart
+            self._fields.solve(warm, strokes)
         self._fields.forget()
         self._warm = True
 

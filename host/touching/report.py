@@ -10,7 +10,7 @@ from .latency import Latency
 __all__ = ["STAGES", "TouchReport"]
 
 STAGES = ("wait", "cut", "solve", "send")
-"""Of a pose: since its time stamp, prediction and cut, the two fields, and the block until its acknowledgement."""
+"""Of a pose: since its time stamp, prediction and cut, its fields, and its blocks until their acknowledgement."""
 
 
 NOTHING = Latency()
@@ -51,9 +51,12 @@ class TouchReport:
     last_note : str
         What it said last.
     frequency_hz : float
-        Of the modulation, as it came out.
+        At which the fields of the last pose were repeated, as it came out; 0 if there were none.
     stored : bool
-        Whether the device took the turns from its memory, because the line is too slow for a block each.
+        Whether the device took the turns from its memory, because the way of rendering has more than two fields, or the
+        line is too slow for a block each.
+    least_gain : float
+        The smallest factor by which a limit has turned a pose down; 1 without a limit.
     latency : Latency
         From the time stamp of a frame to the answer to the last block sent for it. Time stamps are by the device's
         clock, and work between them by the computer's: of an emulated device, whose time stands still meanwhile, both
@@ -78,6 +81,7 @@ class TouchReport:
     last_note: str = ""
     frequency_hz: float = 0.0
     stored: bool = False
+    least_gain: float = 1.0
     latency: Latency = NOTHING
     stages: dict[str, Latency] = field(default_factory=dict)
 

@@ -49,7 +49,7 @@ class Tally:
             stage.add(seconds)
         self._latency.add(sum(passed))
 
-    def report(self, seconds: float, turns: Turns) -> TouchReport:
+    def report(self, seconds: float, turns: Turns, least_gain: float) -> TouchReport:
         """As it stands after so many seconds."""
         return TouchReport(
             seconds,
@@ -66,8 +66,9 @@ class Tally:
             self.held_up,
             self._notes,
             self._last_note,
-            turns.frequency,
+            0.0 if turns.alternation is None else turns.alternation.frequency,
             isinstance(turns, StoredTurns),
+            least_gain,
             self._latency.summary,
             {name: stage.summary for name, stage in self._stages.items()},
         )

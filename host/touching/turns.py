@@ -1,11 +1,10 @@
-"""Two fields that take turns on a device, each for half of the modulation's period, while they keep changing.
+"""Fields that take turns on a device, each for some carrier periods, while they keep changing.
 
 Section 3.4 of the paper plays two fields in turn at 200 Hz; a hand that moves makes new ones up to a thousand times a
 second. Three ways to the device were weighed:
 
 - A sequence of two slots, which the device repeats by itself. What plays cannot be overwritten (clause BLK-022), so
-  each pose costs two slots, entries and a sequence, stored beside those that play; and a sequence that keeps the phase
-  begins at the start of a period of the modulation, so that a pose waits up to 5 ms at 200 Hz.
+  each pose costs two slots, entries and a sequence, stored beside those that play.
 - One update per half, sent ahead of its boundary: a pose waits 2.5 ms for the next boundary.
 - Updates as they come: each pose sends the field whose turn it is, to begin at once; and ahead of each boundary the
   other field is sent, named for that boundary.
@@ -15,23 +14,34 @@ odd, whatever was sent and when: so the modulation keeps its phase, also after t
 skin after one block (10 µs on USB) and three to five carrier periods; a pose that comes less than a lead before a
 boundary, 0.5 ms on USB, begins with the boundary. 1000 poses/s make 1200 to 1400 blocks/s.
 
-A line that cannot carry a block for each turn, such as a UART below some 3 Mbaud, and a modulation above 900 Hz leave
-the turns to the device: `StoredTurns` is the first way, at the rate that the line has.
+`StoredTurns` is the first way, for cycles of any number of fields, for a line that cannot carry a block for each turn,
+such as a UART below some 3 Mbaud, and for a modulation above 900 Hz. A pose costs a block for each field that differs,
+and two more, so `StoredTurns.most_frames` limits the fields by the rate of the line. The new cycle begins as soon as
+its blocks have arrived, in the middle of itself: the entries are rotated so that the cycle goes on where the one before
+is. Cycles of the same length are in phase with the device's count of periods; if the length changes, the share of the
+cycle that has passed stays the same.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from math import ceil, floor, inf
 from typing import Protocol
 
+import numpy as np
+
+from ...errors import DeviceRefusedError
 from ...protocol.board import CARRIER_HZ
-from ...protocol.codes import NOW, AckFlag
-from ...protocol.quantise import PulseFrames
+from ...protocol.codes import NOW, AckFlag, Reason
 from ...protocol.replies import Ack
+from ...solver.rendering.ways import Halves, Way
 from ..playing.clock import DeviceClock, Reading
 from ..playing.device import Device
+from ..playing.envelopes import sine
+from .fields import PulseCycle
 
-__all__ = ["StoredTurns", "StreamedTurns", "Turns", "turns_for"]
+__all__ = ["Alternation", "StoredTurns", "StreamedTurns", "Turns", "turns_for"]
 
 LEAST_LEAD_PERIODS = 6
 """A change for the fifth period after its arrival is in time (clause BLK-005); one more for the way there."""
@@ -39,10 +49,15 @@ RESERVE_PERIODS = 14
 """0.35 ms, by which this program may be late for a boundary: a computer needs as long to wake up."""
 FIRST_READINGS = 8
 READING_SECONDS = 0.05
-BLOCKS_PER_POSE = 4
-"""Two slots, an entry table and a sequence."""
-PAIRS = 3
+BLOCKS_BESIDE = 2
+"""Of a stored pose beside its fields: an entry table and a sequence."""
+LEAST_FRAMES, MOST_FRAMES = 8, 24
+"""Of a cycle. With eight a sine is still one."""
+STORING_SECONDS = 0.02
+"""In which a line is to carry a pose, if `LEAST_FRAMES` allow that."""
+SETS = 3
 """Of slots: one plays, one waits for its period, one is free."""
+LONGEST_ENTRY = 2**16 - 1
 MOST_PACE_PERIODS = 100
 """2.5 ms between two steps of a ramp."""
 ROUNDING_SECONDS = 1e-6
@@ -51,8 +66,36 @@ LIFE = 1 / 3
 """Of the watchdog's time may pass until the next sign of life."""
 
 
+@dataclass(frozen=True)
+class Alternation:
+    """Fields that take turns.
+
+    Parameters
+    ----------
+    hold : int
+        Carrier periods for which each plays.
+    begins : int
+        A period at which the first one begins.
+    count : int
+        Fields.
+    """
+
+    hold: int
+    begins: int = 0
+    count: int = 2
+
+    @property
+    def frequency(self) -> float:
+        """How often all of them are repeated in a second."""
+        return CARRIER_HZ / (self.hold * self.count)
+
+    def number(self, period: int) -> int:
+        """Which of them plays in a period, from 0."""
+        return (period - self.begins) // self.hold % self.count
+
+
 class Turns(Protocol):
-    """Two fields in turn on a device.
+    """Fields in turn on a device.
 
     Attributes
     ----------
@@ -62,32 +105,33 @@ class Turns(Protocol):
         Of these, changes that began later than they named.
     slipped : int
         Turns at whose beginning the host was held up, so that the field before played on.
-    half : int
-        Carrier periods for which each field plays.
-    frequency : float
-        Of the modulation as it comes out, in Hz.
     pace : float
         Seconds between two poses while only ramps change.
+    alternation : Alternation or None
+        How the newest fields take turns; None before the first.
     """
 
     blocks: int
     late: int
     slipped: int
-    half: int
-    frequency: float
     pace: float
+    alternation: Alternation | None
 
     @property
     def due(self) -> float:
         """Moment by the device's clock, in seconds, at which `keep` is to be called."""
 
-    def show(self, fields: PulseFrames) -> bool:
-        """Play two fields, (2, n), from now on; false if the line has no room, and the next turn will bring them.
+    @property
+    def most_frames(self) -> int:
+        """Fields of a cycle, at most."""
+
+    def show(self, cycle: PulseCycle) -> bool:
+        """Play a cycle from now on; false if the line has no room, and the next turn will bring it.
 
         Raises
         ------
         DeviceError
-            If the device refuses them, or the line fails.
+            If the device refuses its fields, or the line fails.
         """
 
     def keep(self) -> None:
@@ -100,40 +144,33 @@ class Turns(Protocol):
         """The device plays nothing: it has fallen silent by itself."""
 
 
-def turns_for(device: Device, frequency: float, watchdog: float) -> StreamedTurns | StoredTurns:
-    """The way that suits a device and its line.
+def turns_for(device: Device, way: Way | None, watchdog: float) -> StreamedTurns | StoredTurns:
+    """The turns that suit a way of rendering, a device and its line.
 
     Parameters
     ----------
     device : Device
         To play on.
-    frequency : float
-        Of the modulation, in Hz; a turn lasts the nearest whole number of carrier periods.
+    way : Way, optional
+        Two fields that simply alternate can be streamed; any other way, and None for ``auto``, is stored.
     watchdog : float
         Seconds for which the device waits for a sign of life.
-
-    Raises
-    ------
-    ValueError
-        If the frequency is not possible.
     """
-    half = round(CARRIER_HZ / (2 * frequency)) if 0 < frequency < inf else 0
-    if not 1 <= half < 2**16:
-        raise ValueError(f"a modulation of {frequency:g} Hz must lie between 0.31 and {CARRIER_HZ // 2} Hz")
     block_periods = ceil(CARRIER_HZ / device.most_updates_per_second)
-    if LEAST_LEAD_PERIODS + RESERVE_PERIODS + block_periods <= half:
-        return StreamedTurns(device, half, block_periods, watchdog)
-    return StoredTurns(device, half, block_periods, watchdog)
+    if isinstance(way, Halves) and way.envelope == "square":
+        half = max(round(CARRIER_HZ / (2 * way.frequency)), 1)
+        if LEAST_LEAD_PERIODS + RESERVE_PERIODS + block_periods <= half:
+            return StreamedTurns(device, half, block_periods, watchdog)
+    return StoredTurns(device, block_periods, watchdog)
 
 
 class _Clocked:
-    """What both ways have: the device's clock, and its signs of life."""
+    """What both have: the device's clock, and its signs of life."""
 
-    def __init__(self, device: Device, half: int, block_periods: int, watchdog: float) -> None:
-        self._device, self.half, self._block_periods = device, half, block_periods
+    def __init__(self, device: Device, block_periods: int, watchdog: float) -> None:
+        self._device, self._block_periods = device, block_periods
+        self.alternation: Alternation | None = None
         self._life_seconds = watchdog * LIFE
-        self.frequency = CARRIER_HZ / (2 * half)
-        self.pace = max(min(half, MOST_PACE_PERIODS), BLOCKS_PER_POSE * block_periods) / CARRIER_HZ
         self.blocks = self.late = self.slipped = 0
         self._clock = DeviceClock()
         self._read_at = -inf
@@ -178,24 +215,31 @@ class StreamedTurns(_Clocked):
     """Updates as they come; see the module."""
 
     def __init__(self, device: Device, half: int, block_periods: int, watchdog: float) -> None:
-        super().__init__(device, half, block_periods, watchdog)
+        super().__init__(device, block_periods, watchdog)
+        self.alternation, self._half = Alternation(half), half
+        self.pace = max(min(half, MOST_PACE_PERIODS), 2 * BLOCKS_BESIDE * block_periods) / CARRIER_HZ
         self._lead = LEAST_LEAD_PERIODS + block_periods
         self._guard = self._lead + RESERVE_PERIODS
-        self._fields: PulseFrames | None = None
+        self._cycle: PulseCycle | None = None
         self._sent = 0
         """The last turn for which a field was sent."""
 
     @property
     def due(self) -> float:
         """When the next turn must be on its way, or, in silence, the next sign of life."""
-        if self._fields is None:
+        if self._cycle is None:
             return self._heard + self._life_seconds
-        return self._clock.moment_of((self._sent + 1) * self.half - self._guard) + ROUNDING_SECONDS
+        return self._clock.moment_of((self._sent + 1) * self._half - self._guard) + ROUNDING_SECONDS
 
-    def show(self, fields: PulseFrames) -> bool:
+    @property
+    def most_frames(self) -> int:
+        """Two."""
+        return 2
+
+    def show(self, cycle: PulseCycle) -> bool:
         """Play two fields from now on."""
-        begun = self._fields is not None
-        self._fields = fields
+        begun = self._cycle is not None
+        self._cycle = cycle
         now = self._now()
         if begun and self._turn(now) == self._sent and self._turn(now + self._block_periods - 1) > self._sent:
             return False  # this block would be in the way of the next turn's
@@ -204,61 +248,124 @@ class StreamedTurns(_Clocked):
 
     def keep(self) -> None:
         """Begin the next turn, or give a sign of life."""
-        if self._fields is None:
+        if self._cycle is None:
             self._live()
         elif self._turn(now := self._now()) > self._sent:
             self._send(now, begun=True)
 
     def forget(self) -> None:
         """The device plays nothing: it has fallen silent by itself."""
-        self._fields = None
+        self._cycle = None
 
     def _turn(self, now: float) -> int:
         """The turn in which a block begins to play, or for which it is kept, if it is sent now."""
-        return floor((now + self._guard) / self.half)
+        return floor((now + self._guard) / self._half)
 
     def _send(self, now: float, *, begun: bool) -> None:
         """Send the field whose turn it is when it arrives."""
-        assert self._fields is not None
+        assert self._cycle is not None
         turn = self._turn(now)
         if begun:  # by a reading of the clock the host's estimate may go back by a little
             turn = max(turn, self._sent)
-        begins = turn * self.half
+        begins = turn * self._half
         named = turn > self._sent and begins >= now + self._lead
         if begun:
             self.slipped += max(turn - self._sent - 1 + (turn > self._sent and begins < now), 0)
         self._sent = turn
-        pulses = self._fields.pulses(turn % 2)
+        pulses = self._cycle.frames.pulses(turn % 2)
         before = self._device.time.monotonic()
         self._count(before, self._device.show(pulses, begins if named else NOW), 1)
 
 
 class StoredTurns(_Clocked):
-    """Two slots in turn, which the device repeats; see the module."""
+    """Slots in turn, which the device repeats; see the module."""
 
-    def __init__(self, device: Device, half: int, block_periods: int, watchdog: float) -> None:
-        super().__init__(device, half, block_periods, watchdog)
-        self._pair = 0
+    def __init__(self, device: Device, block_periods: int, watchdog: float) -> None:
+        super().__init__(device, block_periods, watchdog)
+        self._pace(BLOCKS_BESIDE + 2)
+        self._stops, self._set, self._envelope = device.stops, 0, 0.0
+        self._request = self._clock.longest * CARRIER_HZ
+        """Carrier periods of a request and its answer."""
+
+    def _pace(self, blocks: int) -> None:
+        self.pace = max(MOST_PACE_PERIODS, blocks * self._block_periods) / CARRIER_HZ
 
     @property
     def due(self) -> float:
         """The next sign of life."""
         return self._heard + self._life_seconds
 
-    def show(self, fields: PulseFrames) -> bool:
-        """Store two fields, and play them in turn from the start of a period of the modulation on."""
-        self._pair = (self._pair + 1) % PAIRS
-        slots = 2 * self._pair, 2 * self._pair + 1
+    @property
+    def most_frames(self) -> int:
+        """As many as the line carries in `STORING_SECONDS`, within `LEAST_FRAMES` and `MOST_FRAMES`."""
+        carried = int(STORING_SECONDS * CARRIER_HZ / self._block_periods) - BLOCKS_BESIDE
+        return min(max(carried, LEAST_FRAMES), MOST_FRAMES)
+
+    def show(self, cycle: PulseCycle) -> bool:
+        """Store a cycle beside the one that plays, and go on with it as soon as it is there."""
+        slots, longest = self._store(cycle)
+        if self._device.stops != self._stops:  # what follows would enable the outputs again
+            raise DeviceRefusedError(f"{self._device.name} has turned its outputs off: it was stopped", Reason.DISABLED)
+        self._modulate(cycle.envelope)
         before = self._device.time.monotonic()
-        for number, slot in enumerate(slots):
-            self._device.store(slot, fields.pulses(number))
-        whole = 2 * self.half
-        ready = self._now() + LEAST_LEAD_PERIODS + RESERVE_PERIODS + BLOCKS_PER_POSE * self._block_periods
-        steps = [(slot, self.half) for slot in slots]
-        ack = self._device.play(steps, period=ceil(ready / whole) * whole)
-        self._count(before, ack, BLOCKS_PER_POSE)
+        lead = LEAST_LEAD_PERIODS + RESERVE_PERIODS + BLOCKS_BESIDE * (longest + self._request)
+        begins = ceil(self._now() + lead)
+        passed = _passed(self.alternation, begins, cycle.periods)
+        self.alternation = Alternation(cycle.hold, begins - passed, len(slots))
+        ack = self._device.play(_rotated(slots, cycle.hold, passed), period=begins)
+        blocks = len(set(slots)) + BLOCKS_BESIDE
+        self._count(before, ack, blocks)
+        self._pace(blocks)
         return True
+
+    def _store(self, cycle: PulseCycle) -> tuple[list[int], float]:
+        """Keep the fields that differ in slots: the slot of each field, and the periods that the slowest block took."""
+        self._set = (self._set + 1) % SETS
+        kept: dict[bytes, int] = {}
+        slots, longest = [], 0.0
+        for number, rows in enumerate(zip(*cycle.frames, strict=True)):
+            slot = kept.get(field := np.concatenate(rows).tobytes())
+            if slot is None:
+                slot = kept[field] = self._set * MOST_FRAMES + len(kept)
+                before = self._device.time.monotonic()
+                self._device.store(slot, cycle.frames.pulses(number))
+                longest = max(longest, self._device.time.monotonic() - before)
+            slots.append(slot)
+        return slots, longest * CARRIER_HZ
+
+    def _modulate(self, envelope: float) -> None:
+        """Let the device modulate whatever plays at a frequency in hertz, 0 for not at all."""
+        if envelope == self._envelope:
+            return
+        if envelope:
+            self._device.modulate(*sine(envelope))
+        else:
+            self._device.end_modulation()
+        self._envelope = envelope
 
     def keep(self) -> None:
         """Give a sign of life."""
         self._live()
+
+    def forget(self) -> None:
+        """The device plays nothing, and modulates nothing: it has fallen silent by itself."""
+        self._envelope = 0.0
+
+
+def _passed(before: Alternation | None, begins: int, periods: int) -> int:
+    """How many carrier periods of a cycle are over if it takes the place of another at a period."""
+    if before is None:
+        return begins % periods
+    length = before.hold * before.count
+    at = (begins - before.begins) % length
+    return at if length == periods else at * periods // length
+
+
+def _rotated(slots: Sequence[int], hold: int, passed: int) -> Iterator[tuple[int, int]]:
+    """The steps of a cycle of which so many carrier periods are over."""
+    first, over = divmod(passed, hold)
+    whole = [(slot, hold) for slot in (*slots[first + 1 :], *slots[:first])]
+    for slot, left in ((slots[first], hold - over), *whole, (slots[first], over)):
+        while left:
+            yield slot, min(left, LONGEST_ENTRY)
+            left -= min(left, LONGEST_ENTRY)

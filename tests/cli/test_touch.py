@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from phasewire import Emulator, Mesh
+from phasewire import Calibration, Emulator, Mesh, TransducerArray
 from phasewire.emulator import faults
+from phasewire.feel.exposure import exposure_gain
 from phasewire.host.hands.frames import HandFrame
 from phasewire.host.hands.recording import HandRecording
 from phasewire.host.hands.sources import PlayedHands
 from phasewire.host.touching.loop import TouchLoop, TouchMoment
+from phasewire.view.recordings import open_tape
 
 from tests.cli.runner import Run
 from tests.host.hands.leap_service import LeapService, leap_frame
@@ -114,6 +116,63 @@ def test_options_take_effect(touch: Run, options: tuple[str, ...]) -> None:
         assert told["frequency_hz"] == pytest.approx(20_000 / 133)
 
 
+WAYS = ["two-sided", "am", "lm", "stm", "auto", "stm:speed=3,modulation=150"]
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_each_way_of_rendering_is_played_recorded_and_drawn(touch: Run, way: str) -> None:
+    outcome = touch(
+        *("cube", *SHORT, "--render", way, "--json", "t.json", "--record", "tap.hands", "--picture", "t.svg")
+    )
+    assert outcome.code == 0
+    assert "The line is too slow" not in outcome.out
+    told = json.loads(Path("t.json").read_text())
+    assert told["render"] == way
+    assert told["touch"]["stored"] is True
+    assert told["touch"]["late"] == 0
+    head, *lines = (json.loads(line) for line in Path("tap.touch").read_text().splitlines())
+    assert head["render"] == way
+    for line in lines:
+        width = np.frombuffer(base64.b64decode(line["width"]), np.uint8).reshape(-1, 320)
+        phase = np.frombuffer(base64.b64decode(line["phase"]), np.uint8).reshape(-1, 320)
+        assert 8 <= len(width) == len(phase) <= 24
+        assert line["hold"] >= 1
+    assert (150 in [line["envelope"] for line in lines]) == ("modulation" in way)
+    with open_tape(Path("tap.touch")) as tape:
+        assert tape.at(10**6).drives.shape == (len(width), 320)
+    assert Path("t.svg").read_text().startswith("<?xml")
+
+
+@pytest.mark.parametrize("options", [(), ("--render", "lm"), ("--calibration", "c.csv")])
+def test_the_exposure_of_a_sitting_person_is_limited(
+    touch: Run, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...]
+) -> None:
+    Calibration(np.linspace(0.5, 1, 320), np.zeros(320), np.ones(320), np.zeros(320)).save("c.csv")
+    seen: list[TouchMoment] = []
+    genuine = TouchLoop._take
+
+    def noted(loop: TouchLoop, frame: HandFrame, stamp: float) -> None:
+        loop._on_moment = seen.append
+        genuine(loop, frame, stamp)
+
+    monkeypatch.setattr(TouchLoop, "_take", noted)
+    outcome = touch("cube", *SHORT, *options, "--max-exposure", "120", "--json", "t.json")
+    assert outcome.code == 0
+    assert "120 dB were kept; drives were turned down by up to" in outcome.out
+    told = json.loads(Path("t.json").read_text())
+    assert told["max_exposure_db"] == 120
+    array = TransducerArray.grid()
+    response = np.linspace(0.5, 1, 320) if "c.csv" in options else 1.0
+    levels = []
+    for moment in seen:
+        if moment.cycle is not None:
+            frames = moment.cycle.frames
+            drives = np.stack([frames.pulses(number).to_drive() for number in range(len(frames.phase))]) * response
+            assert exposure_gain(array, drives, None, 120.0) > 1 - 1e-6
+            levels.append(exposure_gain(array, drives, None, 100.0))
+    assert min(levels) < 0.2, "of 20 dB less than a tenth is left: it is near the limit"
+
+
 def test_a_slow_line_is_reported(touch: Run) -> None:
     outcome = touch("cube", *SHORT, "--device", "emulator:?door=serial&baud=115200")
     assert outcome.code == 0
@@ -181,6 +240,10 @@ def test_an_input_is_not_overwritten(touch: Run) -> None:
         (("cube", "--hand", "recording:nowhere.hands"), 2, "nowhere.hands"),
         (("cube", "--device", "telephone:"), 3, "telephone:"),
         (("cube", "--frequency", "0"), 2, "0"),
+        (("cube", "--render", "loud"), 2, "unknown way of rendering 'loud'"),
+        (("cube", "--render", "am", "--frequency", "100"), 2, "--frequency has no effect with --render"),
+        (("cube", "--render", "am", "--timeline", "t.png"), 2, "leave out --render, or --timeline"),
+        (("cube", "--max-exposure", "nan"), 2, "an exposure limit of nan dB must be finite"),
         (("cube", "--method", "magic"), 2, "magic"),
         (("cube", "--ramp", "0.1"), 2, "ramp"),
         (("cube", "--spacing", "nan"), 2, "spacing"),

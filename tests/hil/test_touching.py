@@ -96,7 +96,7 @@ def test_drives_for_another_array_are_refused(emulator: Emulator) -> None:
 
 def test_pulses_that_were_sent_emit_the_same_as_the_whole_way(intended: TwoSided, emulator: Emulator) -> None:
     wanted = run_touch(intended, emulator).emitted
-    emitted = as_emitted([Pulses.from_drive(drive) for drive in intended.drives], 200)
+    emitted = as_emitted([Pulses.from_drive(drive) for drive in intended.drives], 100)
     np.testing.assert_allclose(emitted.drives, wanted.drives, atol=1e-12)
     assert emitted.true_frequency == 200
 

@@ -32,7 +32,7 @@ def touched(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("touch") / "wave.hands"
     with Emulator() as emulator, open_device(emulator.url) as device:
         hands = open_hands("gesture:approach?seconds=2&rate=60", device.time)
-        with TouchLog(path, 60, 200.0, "test") as log:
+        with TouchLog(path, 60, "two-sided:envelope=square", "test") as log:
             TouchLoop(device, hands, [Mesh.cube()], Toucher(), ARRAY, on_moment=log).run()
     return path
 

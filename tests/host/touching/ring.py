@@ -30,16 +30,19 @@ class Ring(Toucher):
         ring = RADIUS * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
         found = [(ring + hand.centre, number) for number, hand in enumerate(hands) if hand.centre[2] < 0.3]
         if not found:
-            return _touch(None, np.empty(0, np.int64))
+            return _touch([], np.empty(0, np.int64))
         ids = np.concatenate([POINTS * number + np.arange(POINTS) for _, number in found])
-        return _touch(ControlPoints(np.concatenate([positions for positions, _ in found])), ids)
+        return _touch([positions for positions, _ in found], ids)
 
     def forget(self) -> None:
         """Nothing is kept."""
 
 
-def _touch(points: ControlPoints | None, ids: NDArray[np.int64]) -> Touch:
-    return Touch(Arcs.joined([]), points, np.stack([ids, 0 * ids, 0 * ids, 0 * ids]))
+def _touch(rings: Sequence[NDArray[np.float64]], ids: NDArray[np.int64]) -> Touch:
+    points = ControlPoints(np.concatenate(rings)) if rings else None
+    touch = Touch(Arcs.joined([]), points, np.stack([ids, 0 * ids, 0 * ids, 0 * ids]))
+    touch.__dict__["arcs"] = [np.concatenate([ring, ring[:1]]) for ring in rings]
+    return touch
 
 
 def hand_at(place: Sequence[float]) -> Hand:

@@ -10,18 +10,23 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire import Device, Emulator, Mesh, TransducerArray, open_device, pressure
+from phasewire import Circle, Device, Emulator, Mesh, TransducerArray, open_device, pressure
 from phasewire.emulator.faults import HotBoard, InjectedFault, PowerCut, StalledEndpoint, Unplugged
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError, TrackerLostError
-from phasewire.host.hands.frames import HandFrame
+from phasewire.host.hands.frames import HandFrame, TrackedHand
 from phasewire.host.hands.sources import LiveHands, PlayedHands, open_hands
+from phasewire.host.touching.fields import PulseCycle
 from phasewire.host.touching.loop import MOST_RAMP_SECONDS, SILENCE_SECONDS, TouchLoop, TouchMoment
 from phasewire.host.touching.report import TouchReport
-from phasewire.protocol.pulses import Pulses
+from phasewire.host.touching.turns import Alternation, StoredTurns
 from phasewire.solver.contact.touch import Toucher
 from phasewire.solver.methods.split import split
+from phasewire.solver.rendering.renderer import Renderer
 
 from .ring import POINTS, Ring, frames, source
+
+WAYS = ["two-sided:envelope=square", "two-sided", "am", "lm", "stm", "auto"]
+in_each_way = pytest.mark.parametrize("render", WAYS)
 
 ARRAY = TransducerArray.grid()
 MS = 40
@@ -53,6 +58,12 @@ def last_sound(emulator: Emulator, begin: int = 0) -> int:
     return begin + int(sounding[-1]) if len(sounding) else -1
 
 
+def loudness_of(emulator: Emulator, begin: int) -> NDArray[np.float64]:
+    """The greatest amplitude in each 2.5 ms, half a period of 200 Hz, from a period on."""
+    every = amplitudes(emulator, begin, emulator.capture().end_tick // 50)
+    return np.asarray(every[: len(every) // 100 * 100].reshape(-1, 100).max(axis=1))
+
+
 class Noting:
     """The loop's report of each pose, with the device's clock at that moment."""
 
@@ -78,9 +89,9 @@ def test_what_a_resting_hand_touches_is_played_in_turn_as_the_solver_has_it() ->
     own, other = [], []
     for (begun, shown), (ends, _) in zip(noting.moments[-6:], noting.moments[-5:], strict=False):
         for period in range(begun + 6, ends - 1):
-            assert shown.fields is not None
+            assert shown.cycle is not None
             turn = period // 100 % 2
-            drive = Pulses(shown.fields.phase[turn], shown.fields.width[turn]).to_drive()
+            drive = shown.cycle.frames.pulses(turn).to_drive()
             np.testing.assert_allclose(capture.drive(period), drive, atol=1e-12)
         felt = np.abs(pressure(ARRAY, capture.drive(begun + 10), points.positions))
         first = (begun + 10) // 100 % 2 == 0
@@ -92,13 +103,73 @@ def test_what_a_resting_hand_touches_is_played_in_turn_as_the_solver_has_it() ->
     assert report.latency.count == 31
 
 
+class Watched:
+    """Notes each cycle that is stored, with the period from which the device says that it plays."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.cycles: list[PulseCycle] = []
+        self.begins: list[int] = []
+        show, play = StoredTurns.show, Device.play
+
+        def shown(turns: StoredTurns, cycle: PulseCycle) -> bool:
+            self.cycles.append(cycle)
+            return show(turns, cycle)
+
+        def begun(device: Device, *steps: Any, **options: Any) -> Any:
+            ack = play(device, *steps, **options)
+            self.begins.append(ack.commit_period)
+            return ack
+
+        monkeypatch.setattr(StoredTurns, "show", shown)
+        monkeypatch.setattr(Device, "play", begun)
+
+
+@pytest.mark.parametrize("line", ["", "?door=serial&baud=3000000", "?door=serial&baud=921600"])
+@pytest.mark.parametrize("render", ["two-sided", "am", "lm", "stm", "am:envelope=square", "stm:speed=1"])
+def test_in_each_way_the_frames_are_emitted_in_turn_and_the_cycle_keeps_its_phase_from_pose_to_pose(
+    render: str, line: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watched = Watched(monkeypatch)
+    with Emulator() as emulator, open_device(emulator.url + line) as device:
+        seconds = 0.15 if device.most_updates_per_second > 500 else 0.4
+        moving = source(device.time, 100, 1, lambda time: (0.01 + 0.1 * time, 0, 0.2))
+        report = loop_of(device, moving, render=render).run(seconds)
+        capture = emulator.capture()
+    begins, cycles = watched.begins, watched.cycles
+    assert len(begins) == len(cycles) > 3
+    assert (report.late, report.held_up, report.stored) == (0, 0, True)
+    assert len({cycle.periods for cycle in cycles}) == 1
+    assert report.frequency_hz == pytest.approx(40_000 / cycles[0].periods)
+    emitted = capture.drives(begins[0], begins[-1] + 10)
+    assert emitted.any()
+    for cycle, begun, ends in zip(cycles, begins, [*begins[1:], begins[-1] + 10], strict=True):
+        turns = np.arange(begun, ends) // cycle.hold % len(cycle.frames.phase)
+        wanted = np.stack([cycle.frames.pulses(turn).to_drive() for turn in range(len(cycle.frames.phase))])[turns]
+        assert np.abs(emitted[begun - begins[0] : ends - begins[0]] - wanted).max() < 1e-5
+
+
+def test_auto_chooses_for_each_pose(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(monkeypatch)
+    [hand] = next(frames(100, 0.1, still)).hands
+    both = (hand, TrackedHand(hand.hand.moved((0.06, 0, 0)), 2))
+    lengths = []
+    for hands in ((hand,), both):
+        watched.cycles.clear()
+        with Emulator() as emulator, open_device(emulator.url) as device:
+            given = (HandFrame(number / 100, hands, number) for number in range(10))
+            loop_of(device, PlayedHands("hands", given, 100, device.time), render="auto").run()
+        lengths.append({cycle.periods for cycle in watched.cycles})
+    assert lengths[0] == {Renderer(ARRAY, "stm", most_frames=24).render(Circle(0.03, 0.2)).periods}
+    assert lengths[1] == {Renderer(ARRAY, "two-sided", most_frames=24).render(Circle()).periods}
+
+
 def test_gains_scale_each_transducer_and_0_silences_it() -> None:
     gains = np.linspace(0, 1, 320, dtype=np.float32)
     loudness = []
     for scaled in (np.ones(320, np.float32), gains):
         with Emulator() as emulator, open_device(emulator.url) as device:
             loop = loop_of(device, source(device.time, 100, 0.3, still))
-            assert loop.half_periods == 100
+            assert loop.alternation == Alternation(100)
             loop.set_gains(scaled)
             loop.run()
             last = last_sound(emulator) - 2000
@@ -160,24 +231,27 @@ class Stalling(PlayedHands):
         return None
 
 
-def test_a_source_that_stalls_is_silenced_in_time_and_counted() -> None:
+@in_each_way
+def test_a_source_that_stalls_is_silenced_in_time_and_counted(render: str) -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
         heard = []
         hands = Stalling(device, 0.2)
-        loop = loop_of(device, hands, on_moment=lambda moment: heard.append(moment.time))
+        loop = loop_of(device, hands, render=render, on_moment=lambda moment: heard.append(moment.time))
         report = loop.run()
-        begin = int(heard[0] * 40_000)
-        loudness = amplitudes(emulator, begin, emulator.capture().end_tick // 50)
         assert report.stalls == 1
-        assert last_sound(emulator, begin) - heard[-1] * 40_000 < SILENCE
-    assert (np.abs(np.diff(loudness[::100])) < 0.6 * loudness.max()).all(), "it fades"
+        assert last_sound(emulator, int(heard[0] * 40_000)) - heard[-1] * 40_000 < SILENCE
+        envelope = loudness_of(emulator, int(heard[-1] * 40_000) - 1200)
+    assert (np.abs(np.diff(envelope)) < 0.6 * envelope.max()).all(), "it fades"
 
 
-def test_a_source_that_does_not_come_back_is_silenced_by_the_watchdog_and_the_loop_goes_on_afterwards() -> None:
+@in_each_way
+def test_a_source_that_does_not_come_back_is_silenced_by_the_watchdog_and_the_loop_goes_on_afterwards(
+    render: str,
+) -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
         heard: list[float] = []
-        loop = loop_of(device, Stalling(device, 0.2, blocks=0.15), on_moment=lambda moment: heard.append(moment.time))
-        report = loop.run()
+        hands = Stalling(device, 0.2, blocks=0.15)
+        report = loop_of(device, hands, render=render, on_moment=lambda moment: heard.append(moment.time)).run()
         gap = int(np.argmax(np.diff(heard)))
         before, after = heard[gap], heard[gap + 1]
         loudness = amplitudes(emulator, 0, emulator.capture().end_tick // 50)
@@ -189,10 +263,11 @@ def test_a_source_that_does_not_come_back_is_silenced_by_the_watchdog_and_the_lo
     assert loudness[int(after * 40_000) + 30 * MS :].any(), "it plays again"
 
 
-def test_what_the_watchdog_has_silenced_does_not_come_back_without_a_hand() -> None:
+@in_each_way
+def test_what_the_watchdog_has_silenced_does_not_come_back_without_a_hand(render: str) -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
         hands = Stalling(device, 0.2, blocks=0.15, place=lambda time: still(time) if time < 0.25 else None)
-        report = loop_of(device, hands).run()
+        report = loop_of(device, hands, render=render).run()
         assert report.held_up == 1
         assert last_sound(emulator) < 0.3 * 40_000
 
@@ -204,11 +279,14 @@ def test_no_hand_ever_is_silence_throughout() -> None:
     assert (report.frames, report.touching, report.blocks, report.latency.count) == (50, 0, 0, 0)
 
 
-def test_it_ends_with_its_time_and_the_outputs_are_off() -> None:
+@in_each_way
+def test_it_ends_with_its_time_and_the_outputs_are_off(render: str) -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
         told: list[TouchReport] = []
-        report = loop_of(device, source(device.time, 100, 10, still)).run(0.3, told.append)
+        report = loop_of(device, source(device.time, 100, 10, still), render=render).run(0.3, told.append)
         assert not device.status().enabled
+        emulator.run(7)
+        assert 0.3 * 40_000 < last_sound(emulator) < emulator.capture().end_tick // 50 - 1
         assert 0.3 <= report.seconds < 0.33
         assert told[-1].frames == report.frames == 31
         assert device.status().watchdog_ms == 100, "as it was before"
@@ -223,6 +301,7 @@ def test_points_that_the_array_cannot_reach_are_left_out_and_counted() -> None:
     assert report.touching == 0
 
 
+@in_each_way
 @pytest.mark.parametrize(
     ("fault", "error"),
     [
@@ -232,11 +311,13 @@ def test_points_that_the_array_cannot_reach_are_left_out_and_counted() -> None:
         (HotBoard(period=12_000, board=1, celsius=90), DeviceRefusedError),
     ],
 )
-def test_a_device_that_is_lost_ends_the_loop_in_its_error(fault: InjectedFault, error: type[DeviceError]) -> None:
+def test_a_device_that_is_lost_ends_the_loop_in_its_error(
+    fault: InjectedFault, error: type[DeviceError], render: str
+) -> None:
     with Emulator() as emulator:
         emulator.inject(fault)
         device = open_device(emulator.url)
-        loop = loop_of(device, source(device.time, 100, 2, still))
+        loop = loop_of(device, source(device.time, 100, 2, still), render=render)
         told: list[TouchReport] = []
         with pytest.raises(error):
             loop.run(on_progress=told.append)
@@ -256,45 +337,49 @@ class Lost(PlayedHands):
         return frame
 
 
-def test_a_lost_tracker_lets_the_field_fade_and_ends_in_its_error() -> None:
+@in_each_way
+def test_a_lost_tracker_lets_the_field_fade_and_ends_in_its_error(render: str) -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
         heard: list[float] = []
-        loop = loop_of(
-            device, Lost("lost", frames(100, 1, still), 100, device.time), on_moment=lambda m: heard.append(m.time)
-        )
+        hands = Lost("lost", frames(100, 1, still), 100, device.time)
+        loop = loop_of(device, hands, render=render, on_moment=lambda moment: heard.append(moment.time))
         with pytest.raises(TrackerLostError):
             loop.run()
         assert not device.status().enabled
         emulator.run(200)
         assert last_sound(emulator) - heard[-1] * 40_000 < SILENCE
-        begin = int(heard[-1] * 40_000)
-        loudness = amplitudes(emulator, begin, emulator.capture().end_tick // 50)
-        assert (np.abs(np.diff(loudness[::100])) < 0.6 * loudness.max()).all(), "it fades"
+        envelope = loudness_of(emulator, int(heard[-1] * 40_000))
+        assert (np.abs(np.diff(envelope)) < 0.6 * envelope.max()).all(), "it fades"
 
 
-def test_ctrl_c_turns_the_outputs_off() -> None:
+@in_each_way
+def test_ctrl_c_turns_the_outputs_off(render: str) -> None:
     def interrupt(moment: TouchMoment) -> None:
         if moment.time > 0.2:
             raise KeyboardInterrupt
 
     with Emulator() as emulator, open_device(emulator.url) as device:
         with pytest.raises(KeyboardInterrupt):
-            loop_of(device, source(device.time, 100, 2, still), on_moment=interrupt).run()
+            loop_of(device, source(device.time, 100, 2, still), render=render, on_moment=interrupt).run()
         assert not device.status().enabled
         emulator.run(7)
         assert last_sound(emulator) < emulator.capture().end_tick // 50 - 1
 
 
-def test_stop_from_outside_ends_the_loop() -> None:
+@in_each_way
+def test_stop_from_outside_ends_the_loop(render: str) -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
 
         def stop(moment: TouchMoment) -> None:
             if moment.time > 0.2:
                 device.stop()
 
-        loop = loop_of(device, source(device.time, 100, 2, still), on_moment=stop)
+        loop = loop_of(device, source(device.time, 100, 2, still), render=render, on_moment=stop)
         with pytest.raises(DeviceRefusedError, match="it was stopped"):
             loop.run()
+        assert not device.status().enabled
+        emulator.run(100)
+        assert last_sound(emulator) < 0.22 * 40_000
 
 
 class Tracker(LiveHands):
@@ -357,10 +442,11 @@ def variants() -> dict[str, int]:
     }
 
 
-def test_nothing_is_compiled_while_hands_are_played() -> None:
+@in_each_way
+def test_nothing_is_compiled_while_hands_are_played(render: str) -> None:
     """The outputs would be silent meanwhile: the first time on a machine that takes seconds."""
     with open_device("emulator:") as device, open_hands("gesture:sweep?rate=50", device.time) as hands:
-        loop = TouchLoop(device, hands, [Mesh.cube()], Toucher(), ARRAY)
+        loop = TouchLoop(device, hands, [Mesh.cube()], Toucher(), ARRAY, render=render)
         loop.warm_up()
         before = variants()
         report = loop.run(4)
