@@ -87,7 +87,7 @@ class Validity:
         )
         return (
             f"{self.peak:.0f} Pa ({float(sound_pressure_level(self.peak)):.0f} dB SPL) at the focus: the linear model "
-            f"{word} (distortion {self.distortion:.2g}, {QUASI_LINEAR:g} is the limit); about {self.remaining:.0%} of "
+            f"{word} (distortion {self.distortion:.3g}, {QUASI_LINEAR:g} is the limit); about {self.remaining:.0%} of "
             f"the fundamental remain, no drive exceeds {self.bound:.0f} Pa; wind of up to {self.streaming:.1g} m/s"
         )
 
