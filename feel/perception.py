@@ -22,11 +22,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..pictures import Drawable
 from ..solver.acoustics.array import TransducerArray
 from ..solver.acoustics.medium import Medium, as_medium
-from ..solver.acoustics.propagation import transfer_matrix
+from ..solver.acoustics.propagation import arrivals
 from ..solver.fields.quantities import radiation_pressure
 from ..solver.geometry import place
 from .receptors import TOUCH_CHANNELS
-from .skin import MARGIN, MOST_HZ, NEGLIGIBLE, Skin, displaced
+from .skin import MOST_HZ, NEGLIGIBLE, Skin, displaced
 from .unfolding import SkinPlaces
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ __all__ = ["FeltMap", "feel", "felt_map", "radiation_pressures"]
 
 EVERY = 10
 """Carrier periods from one sample of the radiation pressure to the next: 4 kHz at 40 kHz."""
+SAMPLES_AT_A_TIME = 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +70,8 @@ class FeltMap(Drawable):
     def levels(self) -> NDArray[np.float64]:
         """(c, k) what each channel of `TOUCH_CHANNELS` gets; 1 is at its threshold."""
         power = np.abs(self.spectra).astype(np.float64) ** 2
-        each = (channel.threshold(self.frequencies) ** -2.0 @ power for channel in TOUCH_CHANNELS)
-        return np.sqrt(
-            [
-                _summed(one[None], self.places, channel.area)[0]
-                for one, channel in zip(each, TOUCH_CHANNELS, strict=True)
-            ]
-        )
+        weighed = [(channel, channel.threshold(self.frequencies) ** -2.0 @ power) for channel in TOUCH_CHANNELS]
+        return np.sqrt([_summed(each[None], self.places, channel.area)[0] for channel, each in weighed])
 
     @cached_property
     def intensity(self) -> NDArray[np.float64]:
@@ -174,26 +170,48 @@ def radiation_pressures(
     Raises
     ------
     ValueError
-        If the waves are not (t, n), or as `transfer_matrix`.
+        If the waves are not (t, n), ``every`` is not positive, or as `transfer_matrix`.
 
     Notes
     -----
     Skin reflects the wave. A plane wave that comes at an angle θ pushes with 2·⟨p²⟩/(ρc²)·cos²θ: momentum and area both
     bring a cosine. So each transducer's wave is weighed by its own cosine; what comes from behind does not push.
 
-    The samples are not filtered before: what changes at a frequency f above the half of their rate, as a step of the
-    focus does, is found at its distance from the nearest multiple of the rate.
+    The samples are not filtered before: a change above half of their rate is taken for a slower one. The resonance of
+    transducers leaves little above 2 kHz: the felt intensity of two alternating foci, of a focus that is switched, and
+    of one that moves in steps of 1 to 40 periods is right to 2 %. That of foci that alternate at random, in every
+    period, is wrong by up to 13 %.
+
+    All waves arrive at once. In truth those of the outer transducers come up to 0.2 ms later, which takes less than 2 %
+    of what alternates at 200 Hz.
     """
     if waves.ndim != 2 or waves.shape[1] != len(array) or not len(waves):
         raise ValueError(f"waves have the shape {waves.shape}; they must be (t, {len(array)}), t at least 1")
+    if not every >= 1:
+        raise ValueError(f"every {every} carrier periods must be at least 1")
     medium = as_medium(medium)
-    offset = array.positions - places.positions[:, None]
-    cosine = np.einsum("kni,ki->kn", offset, places.normals) / np.sqrt(np.einsum("kni,kni->kn", offset, offset))
-    matrix = (transfer_matrix(array, places.positions, medium) * np.maximum(cosine, 0)).astype(np.complex64)
-    arrived = matrix @ waves[::every].T
-    pushed = arrived.real**2 + arrived.imag**2
+    matrix, sampled = _pushing(array, places, medium), waves[::every]
+    pushed = np.empty((len(matrix), len(sampled)), dtype=np.float32)
+    for first in range(0, len(sampled), SAMPLES_AT_A_TIME):
+        part = slice(first, first + SAMPLES_AT_A_TIME)
+        arrived = matrix @ sampled[part].T
+        pushed[:, part] = arrived.real**2 + arrived.imag**2
     pushed *= np.float32(radiation_pressure(1.0, medium))
     return pushed.T
+
+
+def _pushing(array: TransducerArray, places: SkinPlaces, medium: Medium) -> NDArray[np.complex64]:
+    """(k, n) the transfer matrix, each entry times the cosine of incidence."""
+    positions, normals = places.positions, places.normals
+    squares = np.square(positions).sum(axis=1)[:, None] + np.square(array.positions).sum(axis=1)
+    way = np.sqrt(squares - 2 * positions @ array.positions.T)
+    ahead = normals @ array.positions.T - np.einsum("ki,ki->k", normals, positions)[:, None]
+    turns = way / medium.wavelength
+    phase = (2 * np.pi * (turns - np.floor(turns))).astype(np.float32)
+    matrix = arrivals(array, positions, medium)
+    matrix *= np.maximum(ahead / way, 0).astype(np.float32)
+    matrix *= np.cos(phase) + np.complex64(1j) * np.sin(phase)
+    return matrix
 
 
 def felt_map(pressures: ArrayLike, places: SkinPlaces, rate: float, skin: Skin | None = None) -> FeltMap:
@@ -229,7 +247,7 @@ def felt_map(pressures: ArrayLike, places: SkinPlaces, rate: float, skin: Skin |
     frequencies = (kept + 1) * rate / samples
     grid = np.zeros((len(kept), *places.mask.shape), dtype=np.complex64)
     grid[:, places.mask] = spectra[kept]
-    moved = displaced(skin or Skin(), grid, frequencies, places.spacing, MARGIN)
+    moved = displaced(skin or Skin(), grid, frequencies, places.spacing)
     return FeltMap(places, rate, samples, frequencies, moved[:, places.mask])
 
 

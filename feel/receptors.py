@@ -2,9 +2,10 @@
 
 Bolanowski, Gescheider, Verrillo and Checkosky ("Four channels mediate the mechanical aspects of touch", J. Acoust. Soc.
 Am. 84, 1680, 1988) separated thresholds from 0.4 to 500 Hz at the thenar eminence, with a contactor of 2.9 cm². The
-numbers below are approximate, within ±3 dB of their figures, not digitised from them. They have the published slopes: P
-falls by 12 dB per octave to its minimum from 250 to 300 Hz, and rises by 12 above; NP I falls by some 5 and is flat from
-10 to 40 Hz; NP III is flat. From 500 to 800 Hz, the end of P's range, its slope is continued.
+numbers below are approximate: they were not digitised from the figures, and may be wrong by 3 dB. They have the
+published slopes: P falls by 12 dB per octave to its minimum from 250 to 300 Hz, and rises by 12 above; NP I falls by
+some 5 and is nearly flat from 10 to 40 Hz; NP III is nearly flat. From 500 to 800 Hz, the end of P's range, its slope
+is continued.
 
 P sums energy over area: its threshold falls by 3 dB per doubling of the contactor from 0.02 to 2.9 cm². The others do
 not (Verrillo, J. Acoust. Soc. Am. 35, 1962, 1963; Gescheider, Bolanowski and Hardick, Somatosens. Mot. Res. 18, 191,

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..solver.arguments import check_positive
 from ..solver.contact.anatomy import posed
@@ -67,14 +67,14 @@ class SkinPatch:
         If a number is out of range.
     """
 
-    centre: ArrayLike = (0.0, 0.0, 0.2)
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.2)
     width: float = 0.08
     length: float = 0.08
     spacing: float = 2e-3
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        object.__setattr__(self, "centre", frozen(as_position(self.centre, "centre")))
+        as_position(self.centre, "centre of skin")
         for name in ("width", "length", "spacing"):
             check_positive(getattr(self, name), f"{name} of skin")
         _check_count(self.width * self.length, self.spacing)
@@ -183,7 +183,7 @@ def _check_count(area: float, spacing: float) -> None:
 
 
 def _laid_out(hand: Hand) -> NDArray[np.float64]:
-    """The quadrilaterals in the plane of the palm, (16, 4, 2) metres: x across as seen on the back, y to the fingers."""
+    """The quadrilaterals laid out, (16, 4, 2) in metres: x across as seen on the back of the hand, y to the fingers."""
     palm, wrist = hand.quads[0], hand.landmarks[0]
     across = palm[1] - palm[0]
     back = np.cross(across, palm[3] - palm[0])

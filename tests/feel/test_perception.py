@@ -1,0 +1,258 @@
+"""From waves to what is felt: spectra as theory says, a literal version, and what is published of modulation."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from phasewire import Hand, Medium, TransducerArray, pressure
+from phasewire.feel.perception import FeltMap, feel, felt_map, radiation_pressures
+from phasewire.feel.receptors import TOUCH_CHANNELS
+from phasewire.feel.skin import Skin, displacement
+from phasewire.feel.unfolding import SkinPatch, SkinPlaces, Unfolded
+from phasewire.solver import radiation_pressure, transfer_matrix
+from phasewire.solver.acoustics.resonator import Resonator
+
+FOCUS = (0.0, 0.0, 0.2)
+PATCH = SkinPatch(FOCUS, width=0.06, length=0.06, spacing=3e-3)
+MIDDLE = 220
+CARRIER = 40_000
+RATE = 4000.0
+WIDTH = 2.5e-3
+"""σ of the radiation pressure of an ideal focus: 5.9 mm at half of its height."""
+
+
+def rung(drives: NDArray[np.complex128]) -> NDArray[np.complex64]:
+    """The waves of drives, one row a carrier period, that have always been repeated."""
+    one = Resonator().enveloped(CARRIER, 1 / CARRIER)
+    return one.ring(np.concatenate([drives, drives]))[1 + len(drives) :].astype(np.complex64)
+
+
+def focused(array: TransducerArray, places: object) -> NDArray[np.complex128]:
+    """(k, n) full drives that focus on each of (k, 3) places."""
+    matrix = transfer_matrix(array, places).conj()
+    return np.asarray(matrix / np.abs(matrix))
+
+
+def modulated(array: TransducerArray, frequency: float, periods: int) -> NDArray[np.complex64]:
+    """Amplitude modulation by (1 − cos)/2."""
+    envelope = (1 - np.cos(2 * np.pi * frequency * np.arange(periods) / CARRIER)) / 2
+    return rung(envelope[:, None] * focused(array, [FOCUS]))
+
+
+def circled(array: TransducerArray, frequency: float, radius: float, periods: int, hold: int) -> NDArray[np.complex64]:
+    """A focus at full drive that runs around a circle, in steps of so many periods."""
+    angle = 2 * np.pi * frequency * np.arange(0, periods, hold) / CARRIER
+    places = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1) + FOCUS
+    return rung(np.repeat(focused(array, places), hold, axis=0)[:periods])
+
+
+def spot(places: SkinPlaces, x: object, y: object) -> NDArray[np.float64]:
+    """(t, k) pressure of an ideal focus of 20 Pa at (t,) places."""
+    away = places.positions[None, :, :2] - np.stack(np.broadcast_arrays(x, y), axis=-1)[:, None]
+    return np.asarray(20 * np.exp(-np.square(away).sum(axis=2) / (2 * WIDTH**2)))
+
+
+def literal(array: TransducerArray, waves: NDArray[np.complex64], places: SkinPlaces) -> NDArray[np.float64]:
+    """The radiation pressure in each carrier period: each transducer's wave by itself, with its cosine."""
+    pushed = np.empty((len(waves), len(places.positions)))
+    for k, (position, normal) in enumerate(zip(places.positions, places.normals, strict=True)):
+        matrix = transfer_matrix(array, [position])[0]
+        for t, wave in enumerate(waves):
+            arrived = 0j
+            for n in range(len(array)):
+                way = array.positions[n] - position
+                arrived += matrix[n] * wave[n] * max(way @ normal / np.linalg.norm(way), 0)
+            pushed[t, k] = radiation_pressure(arrived)
+    return pushed
+
+
+def test_the_radiation_pressure_is_that_of_the_literal_version(array: TransducerArray) -> None:
+    rng = np.random.default_rng(3)
+    waves = (rng.standard_normal((5, 320)) + 1j * rng.standard_normal((5, 320))).astype(np.complex64)
+    hand = Unfolded.of(Hand.flat((0.02, 0, 0.18), curl=0.4).rotated(20, (1, 0, 0)), spacing=0.03)
+    expected = literal(array, waves, hand)
+    np.testing.assert_allclose(radiation_pressures(array, waves, hand, every=1), expected, atol=1e-4 * expected.max())
+    np.testing.assert_allclose(
+        radiation_pressures(array, waves, hand, every=2), expected[::2], atol=1e-4 * expected.max()
+    )
+
+
+def test_a_plane_wave_pushes_by_the_squared_cosine_and_the_back_of_a_hand_is_not_pushed(array: TransducerArray) -> None:
+    """Far from one transducer."""
+    alone = TransducerArray(array.positions[:1] * 0, array.normals[:1], array.transducer)
+    hand = Hand.flat((0, 0, 0.5))
+    waves = np.ones((1, 1), np.complex64)
+    for degrees, share in ((0, 1.0), (60, 0.25), (180, 0.0)):
+        turned = Unfolded.of(hand.rotated(degrees, (0, 1, 0)))
+        near = np.linalg.norm(turned.positions - hand.centre, axis=1).argmin()
+        found = radiation_pressures(alone, waves, turned)[0, near]
+        expected = radiation_pressure(pressure(alone, [1], turned.positions[[near]]))[0]
+        assert found == pytest.approx(share * expected, rel=0.02, abs=1e-9)
+
+
+def test_amplitude_modulation_is_felt_at_its_frequency_and_at_twice_that(array: TransducerArray) -> None:
+    """|p|² ∝ (1 − cos ωt)²/4 = 3/8 − cos(ωt)/2 + cos(2ωt)/8, and the skin's response does not depend on time."""
+    felt = feel(array, modulated(array, 20.0, 4000), PATCH)
+    strong = np.abs(felt.spectra[:, MIDDLE])
+    present = felt.frequencies[strong > 1e-3 * strong.max()]
+    np.testing.assert_allclose(present, [20, 40])
+    two, one = (strong[np.isclose(felt.frequencies, f)][0] for f in (40, 20))
+    assert two / one == pytest.approx(1 / 4, rel=0.02)  # 20 Hz: the resonance and the skin hardly tell them apart
+
+
+def test_a_circle_is_felt_at_the_harmonics_of_its_frequency(array: TransducerArray) -> None:
+    """On its path there are many; in its middle nothing changes."""
+    felt = feel(array, circled(array, 50.0, 0.015, 4000, 1), PATCH)
+    harmonics = felt.frequencies / 50
+    np.testing.assert_allclose(harmonics, np.rint(harmonics))
+    path = np.abs(felt.spectra[:, MIDDLE + 5])
+    assert (path[:6] > 0.02 * path[0]).all()
+    assert np.abs(felt.spectra[:, MIDDLE]).max() < 0.05 * path.max()
+
+
+@pytest.mark.parametrize(("hold", "frequency"), [(1, 50.0), (10, 50.0), (40, 200.0)])
+def test_few_samples_feel_as_all_of_them(array: TransducerArray, hold: int, frequency: float) -> None:
+    waves = circled(array, frequency, 0.01, 4000, hold)
+    few, all_ = (feel(array, waves, PATCH, every=every).intensity for every in (10, 1))
+    np.testing.assert_allclose(few, all_, rtol=0.02)
+
+
+def test_a_switched_focus_feels_the_same_by_few_samples(array: TransducerArray) -> None:
+    on = (np.arange(4000) // 100 % 2)[:, None] * focused(array, [FOCUS])
+    few, all_ = (feel(array, rung(on), PATCH, every=every).intensity for every in (10, 1))
+    np.testing.assert_allclose(few, all_, rtol=0.01)
+
+
+def test_a_felt_map_has_the_displacement_of_the_skin() -> None:
+    """Sparse spectra in single precision against all of them in double precision."""
+    rng = np.random.default_rng(0)
+    pushed = rng.random((64, 441))
+    skin = Skin.forearm()
+    felt = felt_map(pushed, PATCH, 1000.0, skin)
+    moved = displacement(skin, pushed.reshape(64, 21, 21), 1000.0, PATCH.spacing).reshape(64, 441)
+    spectra = np.fft.rfft(moved, axis=0).conj()[1:32] * 2 / 64
+    np.testing.assert_allclose(felt.frequencies, np.arange(1, 32) * 1000 / 64)
+    np.testing.assert_allclose(felt.spectra, spectra, atol=1e-5 * np.abs(spectra).max())
+
+
+def test_frequencies_without_content_are_skipped_and_those_above_touch() -> None:
+    time = np.arange(400)[:, None] / RATE
+    waves = np.cos(2 * np.pi * 100 * time) + np.cos(2 * np.pi * 900 * time)
+    np.testing.assert_allclose(felt_map(7 + waves * np.ones(441), PATCH, RATE).frequencies, [100])
+
+
+def vibrating(frequency: float, amplitude: float, radius: float) -> FeltMap:
+    """Skin of which a disc moves by so many metres (peak)."""
+    patch = SkinPatch(FOCUS, 0.06, 0.06, 1e-3)
+    away = np.linalg.norm(patch.positions - FOCUS, axis=1)
+    spectra = np.where(away <= radius, amplitude, 0)[None].astype(np.complex64)
+    return FeltMap(patch, 1000.0, 1000, np.array([frequency]), spectra)
+
+
+@pytest.mark.parametrize(("frequency", "channel"), [(2.0, 2), (30.0, 1), (250.0, 0)])
+def test_a_contactor_at_the_threshold_has_the_intensity_1(frequency: float, channel: int) -> None:
+    threshold = float(TOUCH_CHANNELS[channel].threshold(frequency))
+    felt = vibrating(frequency, threshold, 0.012)
+    middle = len(felt.intensity) // 2
+    assert felt.intensity[middle] == pytest.approx(1, rel=1e-6)
+    assert felt.levels[:, middle].argmax() == channel
+
+
+def test_half_the_area_needs_3_db_more_for_the_pacinian_channel_alone() -> None:
+    """Verrillo 1963: from 0.02 to 2.9 cm²."""
+    whole = np.sqrt(2.9e-4 / np.pi)
+    for frequency, share in ((250.0, 0.5), (25.0, 1.0)):
+        large, half = (vibrating(frequency, 1e-5, radius) for radius in (whole, whole / np.sqrt(2)))
+        middle = len(large.intensity) // 2
+        assert (half.intensity[middle] / large.intensity[middle]) ** 2 == pytest.approx(share, rel=0.03)
+
+
+def test_energy_adds_within_a_channel() -> None:
+    one = vibrating(250.0, 1e-6, 0.02)
+    both = FeltMap(one.places, 1000.0, 1000, np.array([250.0, 300.0]), np.repeat(one.spectra, 2, axis=0))
+    assert both.intensity.max() == pytest.approx(np.sqrt(2) * one.intensity.max())
+
+
+def test_intensity_over_time_is_that_of_the_whole_if_nothing_changes_and_knows_when_something_does() -> None:
+    time = np.arange(800)[:, None] / RATE
+    tone = (1 + np.cos(2 * np.pi * 200 * time)) * spot(PATCH, np.zeros(1), 0)
+    felt = felt_map(tone, PATCH, RATE)
+    np.testing.assert_allclose(felt.intensity_over_time(0.02), [felt.intensity] * 10, rtol=1e-3)
+    burst = felt_map(tone * (abs(time - 0.125) < 0.02), PATCH, RATE)
+    over_time = burst.intensity_over_time(0.01)[:, MIDDLE]
+    assert over_time.shape == (20,)
+    assert over_time[[11, 13]].min() > 10 * over_time[:9].max()
+    mean = np.sqrt((burst.intensity_over_time(0.01) ** 2).mean(axis=0))
+    np.testing.assert_allclose(mean[MIDDLE], burst.intensity[MIDDLE], rtol=1e-3)
+
+
+def felt_by(frequency: float, radius: float, skin: Skin | None = None) -> FeltMap:
+    """An ideal focus that runs around a circle."""
+    samples = max(64, 2 ** int(np.ceil(np.log2(2.5 * 800 / frequency))))
+    angle = 2 * np.pi * np.arange(samples) / samples
+    places = SkinPatch(FOCUS, 0.1, 0.1, 2.5e-3)
+    pushed = spot(places, radius * np.cos(angle), radius * np.sin(angle))
+    return felt_map(pushed, places, samples * frequency, skin)
+
+
+@pytest.mark.parametrize("frequency", [50.0, 80.0, 120.0, 200.0])
+def test_lateral_modulation_is_felt_more_than_amplitude_modulation(frequency: float) -> None:
+    """Takahashi, Hasegawa and Shinoda 2020, at the same largest pressure; the page on skin has what is below 40 Hz."""
+    places = SkinPatch(FOCUS, 0.1, 0.1, 2.5e-3)
+    swing = ((1 - np.cos(2 * np.pi * np.arange(64) / 64)) / 2) ** 2
+    still = felt_map(swing[:, None] * spot(places, np.zeros(1), 0), places, 64 * frequency)
+    assert felt_by(frequency, 5e-3).intensity.max() > 1.1 * still.intensity.max()
+
+
+@pytest.mark.parametrize(
+    ("skin", "radius"),
+    [(Skin(), 0.01), (Skin(), 0.02), (Skin(20e3, 2.0), 0.01), (Skin(20e3, 2.0), 0.02), (Skin.forearm(), 0.02)],
+)
+def test_skin_moves_most_if_a_focus_is_drawn_about_as_fast_as_the_surface_wave(skin: Skin, radius: float) -> None:
+    """Frier et al. 2018: 5 to 8 m/s on palms, of any length. No constant of the model knows of draw speeds."""
+    wave = float(skin.surface_speed(50.0))
+    speeds = wave * np.array([0.3, 0.5, 0.7, 0.85, 1.0, 1.15, 1.3, 1.6, 2.0])
+    moved = [
+        np.square(np.abs(felt_by(speed / (2 * np.pi * radius), radius, skin).spectra)).sum(axis=0).max()
+        for speed in speeds
+    ]
+    assert 0.7 <= speeds[np.argmax(moved)] / wave <= 1.3
+
+
+def test_a_felt_map_says_and_shows_what_it_is(array: TransducerArray) -> None:
+    felt = feel(array, modulated(array, 200.0, 400), Unfolded.of(Hand.flat((0, 0, 0.2))), Medium())
+    assert re.fullmatch(r"FeltMap\(1\d{3} places, at most [\d.]+ × threshold\)", repr(felt))
+    assert np.linalg.norm(felt.places.positions[felt.strongest] - FOCUS) < 5e-3
+    lines = felt.summary().splitlines()
+    assert re.fullmatch(r"strongest [\d.]+ × threshold at \(.*\) mm \(P [\d.]+, NP I .*, NP III .*\)", lines[0])
+    assert re.fullmatch(r"largest vibration there [\d.]+ µm at 200 Hz", lines[1])
+    assert re.fullmatch(r"felt at \d+ % of 1\d{3} places", lines[2])
+    axes = felt.plot(Figure().subplots(), title="here")
+    image = axes.images[0].get_array()
+    assert axes.get_title() == "here"
+    assert image is not None
+    assert float(image.max()) == pytest.approx(felt.intensity.max())
+    assert int((~np.ma.getmaskarray(image)).sum()) == len(felt.intensity)
+
+
+def test_silence_is_not_felt(array: TransducerArray) -> None:
+    felt = feel(array, np.zeros((400, 320), np.complex64), PATCH)
+    assert not felt.intensity.any()
+    assert not felt.intensity_over_time(0.005).any()
+    assert felt.summary().endswith("felt at 0 % of 441 places")
+
+
+def test_wrong_shapes_and_times_are_refused(array: TransducerArray) -> None:
+    waves = np.zeros((40, 320), np.complex64)
+    with pytest.raises(ValueError, match=re.escape("waves have the shape (40, 319); they must be (t, 320)")):
+        feel(array, waves[:, 1:], PATCH)
+    with pytest.raises(ValueError, match="every 0 carrier periods must be at least 1"):
+        feel(array, waves, PATCH, every=0)
+    with pytest.raises(ValueError, match=re.escape("pressures have the shape (4, 5); they must be (t, 441)")):
+        felt_map(np.zeros((4, 5)), PATCH, RATE)
+    with pytest.raises(ValueError, match=r"a window of 2 s must last from 0\.0005 to 0\.001 s"):
+        feel(array, waves, PATCH).intensity_over_time(2)
