@@ -184,7 +184,7 @@ def arrivals_at(tables: ArrayTables, array: TransducerArray, points: NDArray[np.
         P₁·polarity·response·residual·e^{−αr}/r: `transfer_matrix` without e^{ikr}.
     """
     re, im = np.empty((2, len(points), tables.elements.shape[1]), dtype=np.float32)
-    kernel: Callable[..., None] = kernels.fill_transfer if len(tables.wave) == 1 else kernels.fill_transfer_by_table
+    kernel: Callable[..., None] = kernels.transfer if len(tables.wave) == 1 else kernels.transfer_by_table
     wanted, reach = np.zeros(len(points), dtype=np.float32), aligned(tables.elements.shape[1])
     kernel(
         tables.elements,

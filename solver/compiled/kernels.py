@@ -236,6 +236,27 @@ def fill_transfer_by_table(
             reach[q] += wanted[i] * magnitude
 
 
+@_kernel
+def transfer(
+    elements: Any, directivity: Any, turns: Any, nepers: Any, points: Any, origin: Any, wanted: Any,
+    re: Any, im: Any, reach: Any,
+) -> None:  # fmt: skip
+    """What `fill_transfer` does, for Python: a part alone would be compiled in each run."""
+    fill_transfer(elements=elements, directivity=directivity, turns=turns, nepers=nepers, points=points, origin=origin,
+                  wanted=wanted, re=re, im=im, reach=reach)  # fmt: skip
+
+
+@_kernel
+def transfer_by_table(
+    elements: Any, table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any,
+    points: Any, origin: Any, wanted: Any, re: Any, im: Any, reach: Any,
+) -> None:  # fmt: skip
+    """What `transfer` does, for models whose residual is looked up."""
+    fill_transfer_by_table(elements=elements, table=table, nearest=nearest, cosines=cosines, growth=growth, turns=turns,
+                           nepers=nepers, points=points, origin=origin, wanted=wanted, re=re, im=im,
+                           reach=reach)  # fmt: skip
+
+
 @_part
 def fill_gram(re: Any, im: Any, gram_re: Any, gram_im: Any) -> None:
     """G = B·Bᴴ, both triangles, two rows by two at a time.
