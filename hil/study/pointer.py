@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from ...emulator import Emulator
-from ...feel.perception import felt_map
 from ...feel.unfolding import SkinPatch
 from ...host import open_device
 from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
@@ -28,9 +28,18 @@ from ...solver import Circle, Medium, Polygon, Solver, TransducerArray
 from ...solver.rendering.outline import Outline
 from ..emission import emitted_waves
 from .judging import Confusion, answered, judged
-from .sensing import EVERY, HAND_ERROR, SPACING, WINDOW_SECONDS, blurred, cells_of, noticed, pushed
+from .sensing import EVERY, HAND_ERROR, SPACING, WINDOW_SECONDS, blurred, cells_of, noticed, over_time, pushed
 
-__all__ = ["FLAT_SHAPES", "HAJAS", "Pointer", "run_pointer"]
+__all__ = [
+    "FLAT_SHAPES",
+    "HAJAS",
+    "Pointer",
+    "drawn_on_palm",
+    "features_on_palm",
+    "felt_on_palm",
+    "run_pointer",
+    "walk",
+]
 
 SIDE = 0.06
 LOOP_SECONDS = 2.0
@@ -114,7 +123,7 @@ def run_pointer(persons: int, repeats: int, seed: int) -> dict[str, Pointer]:
 def drawn_on_palm(shape: str, way: str) -> NDArray[np.float64]:
     """A round as a person imagines it, (w, k): a line of even strength, or a spot on it, both as wide as a focus."""
     windows = round(LOOP_SECONDS / WINDOW_SECONDS)
-    places = _walk(shape, windows * STEPS)
+    places = walk(shape, windows * STEPS)
     squares = np.square(PALM.positions[:, None] - places).sum(axis=2)
     spots = IMAGINED * np.exp(-squares / (2 * SPOT**2))
     if way == "outline":
@@ -122,13 +131,14 @@ def drawn_on_palm(shape: str, way: str) -> NDArray[np.float64]:
     return np.asarray(spots.reshape(-1, windows, STEPS).mean(axis=2).T)
 
 
-def _walk(shape: str, count: int) -> NDArray[np.float64]:
+def walk(shape: str, count: int) -> NDArray[np.float64]:
     """Places of the pointer at equal steps of time of a round, (count, 3) in metres."""
     drawn, pause = FLAT_SHAPES[shape]
     outline = Outline.of(drawn)
     return outline.walk(count, outline.length / (LOOP_SECONDS - pause * getattr(drawn, "sides", 0)), pause)
 
 
+@threadpool_limits.wrap(limits=1)
 def felt_on_palm(shape: str, way: str) -> NDArray[np.float64]:
     """Perceived intensity of one round on a palm at rest, (w, k) relative to the threshold, by an emulated device."""
     array = TransducerArray.grid()
@@ -137,8 +147,7 @@ def felt_on_palm(shape: str, way: str) -> NDArray[np.float64]:
         capture = emulator.capture()
     first = min(latches[0] for latches in capture.latches) // TICKS_PER_PERIOD
     waves = emitted_waves(capture, array, first, first + round(LOOP_SECONDS * CARRIER_HZ)).waves
-    pressures = pushed(array, waves[::EVERY], PALM, Medium())
-    return felt_map(pressures, PALM, CARRIER_HZ / EVERY).intensity_over_time(WINDOW_SECONDS)
+    return over_time(pushed(array, waves[::EVERY], PALM, Medium()), PALM)
 
 
 def _frames(shape: str, way: str, array: TransducerArray) -> Iterator[NDArray[np.complex64]]:
@@ -147,7 +156,7 @@ def _frames(shape: str, way: str, array: TransducerArray) -> Iterator[NDArray[np
     if way == "outline":
         drives = [solver.solve(FLAT_SHAPES[shape][0]).drive] * count
     else:
-        drives = [solver.solve([place]).drive for place in _walk(shape, count)]
+        drives = [solver.solve([place]).drive for place in walk(shape, count)]
     for drive in drives:
         yield drive
         yield np.zeros_like(drive)
@@ -156,8 +165,8 @@ def _frames(shape: str, way: str, array: TransducerArray) -> Iterator[NDArray[np
 def features_on_palm(levels: NDArray[np.float64], chance: np.random.Generator) -> NDArray[np.float64]:
     """What a person notices of levels (w, k) on the palm: the mean picture, then place and strength over time."""
     cells = cells_of(PALM)
-    places = (cells.mean @ PALM.positions)[:, :2] + HAND_ERROR * chance.standard_normal(2)
-    strength = noticed(blurred(levels, PALM) @ cells.mean.T, chance)
+    places = (cells @ PALM.positions)[:, :2] + HAND_ERROR * chance.standard_normal(2)
+    strength = noticed(blurred(levels, PALM) @ cells.T, chance)
     bins = np.floor(places / 0.01).astype(int) + CELLS // 2
     inside = ((bins >= 0) & (bins < CELLS)).all(axis=1)
     which = bins[inside] @ (CELLS, 1)

@@ -25,7 +25,7 @@ from .pointer import Pointer, run_pointer
 from .sensing import felt_on_hand, sensed
 from .trials import explored
 
-__all__ = ["PRACTISED", "SECONDS", "Study", "Trial", "run_study", "run_trial", "trials_of"]
+__all__ = ["PRACTISED", "SECONDS", "Study", "Trial", "run_study", "run_trial", "run_trials", "trials_of"]
 
 PRACTISED = "cone"
 """The paper's participants practised with it, and knew that it would not be asked."""
@@ -97,6 +97,7 @@ def trials_of(persons: int, repeats: int, shapes: Sequence[str] = tuple(SOLIDS))
     ]
 
 
+@threadpool_limits.wrap(limits=1)
 def run_trial(trial: Trial, seed: int, seconds: float) -> Features:
     """The features of a trial by the whole path."""
     array = TransducerArray.grid()
@@ -149,7 +150,7 @@ def run_study(
         raise ValueError(f"{persons} persons, {repeats} repeats: a study needs at least 2 persons and 1 repeat")
     learners()  # before the work, which takes minutes
     trials = trials_of(persons, repeats)
-    felt, silent = zip(*_run_all(trials, seed, seconds, processes, on_trial), strict=True)
+    felt, silent = zip(*run_trials(trials, seed, seconds, processes, on_trial), strict=True)
     presented = [trial.shape for trial in trials]
     who = [trial.person for trial in trials]
 
@@ -169,26 +170,27 @@ def run_study(
     )
 
 
-def _run_all(
-    trials: Sequence[Trial], seed: int, seconds: float, processes: int, on_trial: Callable[[int, int], None] | None
+def run_trials(
+    trials: Sequence[Trial],
+    seed: int,
+    seconds: float,
+    processes: int = 1,
+    on_trial: Callable[[int, int], None] | None = None,
 ) -> Iterator[Features]:
-    """The features of all trials in their order."""
+    """The features of all trials, in their order; parameters as of `run_study`."""
     run = partial(run_trial, seed=seed, seconds=seconds)
-    found: Iterator[Features]
     with ExitStack() as stack:
+        each: Callable[..., Iterator[Features]] = map
         if processes > 1:
             pool = ProcessPoolExecutor(processes, get_context("spawn"), _begin_worker)
-            found = stack.enter_context(pool).map(run, trials)
-        else:
-            stack.enter_context(threadpool_limits(1))
-            found = map(run, trials)
-        for number, features in enumerate(found, 1):
+            stack.callback(pool.shutdown, cancel_futures=True)
+            each = pool.map
+        for number, features in enumerate(each(run, trials), 1):
             yield features
             if on_trial is not None:
                 on_trial(number, len(trials))
 
 
 def _begin_worker() -> None:
-    """One thread for each process, and Ctrl-C for the first process only."""
+    """Leave Ctrl-C to the first process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threadpool_limits(1)

@@ -32,7 +32,7 @@ from ..emission import emitted_waves
 from .persons import Exploration
 from .trials import PlayedTrial
 
-__all__ = ["Cells", "Sensed", "blurred", "cells_of", "felt_on_hand", "noticed", "pushed", "sensed"]
+__all__ = ["Sensed", "blurred", "cells_of", "felt_on_hand", "noticed", "over_time", "pushed", "sensed"]
 
 BLUR = 8.5e-3 / math.sqrt(math.pi / 2)
 WEBER = 0.2
@@ -50,15 +50,6 @@ EVERY = 20
 """Carrier periods between samples of the pressure: 2 kHz, as no channel of touch answers above 1 kHz."""
 
 
-class Cells(NamedTuple):
-    """Skin as a person tells it apart."""
-
-    owner: NDArray[np.int64]
-    """(k,) the cell of each place."""
-    mean: NDArray[np.float64]
-    """(c, k) takes the mean over each cell."""
-
-
 class Sensed(NamedTuple):
     """What a person noticed in a trial."""
 
@@ -68,13 +59,13 @@ class Sensed(NamedTuple):
     """(w, c, 3) where the cells seemed to be, in metres."""
 
 
-def cells_of(skin: SkinPlaces) -> Cells:
-    """Squares of `CELL` on the laid-out skin."""
+def cells_of(skin: SkinPlaces) -> NDArray[np.float64]:
+    """What takes the mean over each square of `CELL` of the laid-out skin, (c, k)."""
     rows, columns = np.nonzero(skin.mask)
-    squares = np.stack([rows, columns], axis=1) * skin.spacing // CELL
+    squares = np.floor(np.stack([rows, columns], axis=1) * (skin.spacing / CELL) + 1e-9)
     owner = np.unique(squares, axis=0, return_inverse=True)[1].ravel()
-    mean = (owner == np.arange(owner.max() + 1)[:, None]).astype(np.float64)
-    return Cells(owner, mean / mean.sum(axis=1, keepdims=True))
+    inside = (owner == np.arange(owner.max() + 1)[:, None]).astype(np.float64)
+    return np.asarray(inside / inside.sum(axis=1, keepdims=True))
 
 
 def blurred(levels: NDArray[np.float64], skin: SkinPlaces) -> NDArray[np.float64]:
@@ -119,8 +110,15 @@ def felt_on_hand(
         )
         for start in range(0, len(waves), POSE_PERIODS)
     ]
-    felt = felt_map(np.concatenate(pressures), skin, CARRIER_HZ / EVERY)
-    return felt.intensity_over_time(WINDOW_SECONDS), skin
+    return over_time(np.concatenate(pressures), skin), skin
+
+
+def over_time(pressures: NDArray[np.float32], skin: SkinPlaces) -> NDArray[np.float64]:
+    """Perceived intensity (w, k) in windows of 50 ms of a pressure (t, k) at every `EVERY` periods, which then ends."""
+    rate = CARRIER_HZ / EVERY
+    windows = max(round(len(pressures) / rate / WINDOW_SECONDS), 1)
+    silence = np.zeros((len(pressures) // windows, pressures.shape[1]), np.float32)  # in which waves fade
+    return felt_map(np.concatenate([pressures, silence]), skin, rate).intensity_over_time(WINDOW_SECONDS)[:windows]
 
 
 def pushed(
@@ -147,5 +145,5 @@ def sensed(
     cells = cells_of(skin)
     error = HAND_ERROR * chance.standard_normal(3)
     times = (np.arange(len(levels)) + 0.5) * seconds / len(levels)
-    places = np.stack([cells.mean @ skin.at(path.at(time)).positions for time in times])
-    return Sensed(noticed(blurred(levels, skin) @ cells.mean.T, chance), places + error)
+    places = np.stack([cells @ skin.at(path.at(time)).positions for time in times])
+    return Sensed(noticed(blurred(levels, skin) @ cells.T, chance), places + error)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -71,9 +72,10 @@ def explored(
         loop.run()
         capture = emulator.capture()
     first = round(begun[0] * CARRIER_HZ)
-    return PlayedTrial(capture, first, min(first + round(seconds * CARRIER_HZ), capture.periods))
+    return PlayedTrial(capture, first, first + round(seconds * CARRIER_HZ))
 
 
 def _frames(path: Exploration, seconds: float) -> Iterator[HandFrame]:
-    for number in range(round(seconds * TRACKER_HZ)):
+    """Hands until the first frame after the end: the field stays until then."""
+    for number in range(math.floor(seconds * TRACKER_HZ) + 2):
         yield HandFrame(number / TRACKER_HZ, (TrackedHand(path.at(number / TRACKER_HZ), 1),), number)

@@ -27,12 +27,12 @@ def test_strength_is_where_the_skin_was_and_its_mean_over_visits() -> None:
 
 
 def test_what_is_outside_is_left_out() -> None:
-    places = np.array([[middle(0, 0, 0) - [CUBE, 0, 0], middle(5, 5, 5) + [0, 0, CUBE]]])
+    places = np.array([[middle(-1, 0, 0), middle(5, 5, 6)]])
     assert not picture_in_space(Sensed(np.ones((1, 2)), places)).any()
 
 
 def test_if_nothing_is_felt_only_the_hand_is_left() -> None:
-    places = np.random.default_rng(0).uniform(-0.07, 0.07, (20, 9, 3)) + [0, 0, 0.17]
+    places = np.random.default_rng(0).uniform(LOW, LOW + 6 * CUBE, (20, 9, 3))
     loud, silent = (picture_in_space(Sensed(np.full((20, 9), level), places)) for level in (3.0, 0.0))
     assert not silent[FELT].any()
     assert loud[FELT].any()
