@@ -8,6 +8,7 @@ al., Archives of Acoustics, 2024).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from ..solver.fields.quantities import sound_pressure_level
 from ..solver.geometry import PointsLike, as_places
 from .arriving import arriving, as_waves, behind, responses
 
-__all__ = ["LIMITS", "NOTE", "SEATED", "Exposure", "ExposureLimit", "exposure", "exposure_gain", "scattered", "seated"]
+__all__ = ["LIMITS", "NOTE", "SEATED", "Exposure", "ExposureLimit", "exposure", "exposure_limit", "scattered", "seated"]
 
 NOTE = (
     "ICNIRP (Health Physics 127(2):326, 2024): the limits of 1984 rest on limited evidence, which may not be "
@@ -147,21 +148,15 @@ def exposure(
     )
 
 
-def exposure_gain(
-    array: TransducerArray,
-    drives: ArrayLike,
-    at: PointsLike | None,
-    limit_db: float,
-    medium: Medium | None = None,
-) -> float:
-    """The factor on all drives, at most 1, with which each of them keeps a limit in its steady state.
+def exposure_limit(
+    array: TransducerArray, at: PointsLike | None, limit_db: float, medium: Medium | None = None
+) -> Callable[[ArrayLike], float]:
+    """A function of drives (k, n), which returns the factor, at most 1, with which each of them keeps a limit.
 
     Parameters
     ----------
     array : TransducerArray
         n transducers.
-    drives : (k, n) complex
-        All that are played.
     at : (j, 3) float or None
         Places, in metres; `seated` if None.
     limit_db : float
@@ -169,24 +164,23 @@ def exposure_gain(
     medium : Medium, optional
         The air; 20 °C by default.
 
-    Returns
-    -------
-    float
-
-    Notes
-    -----
-    While one drive follows another, some transducers' sound of the old one arrives together with others' of the new
-    one: that mixture may be louder than both. `Exposure.gain` of the emitted waves counts it, and the rounding to
-    pulses as well.
-
     Raises
     ------
     ValueError
-        If the drives have another shape, the limit is no number, or as `transfer_matrix`.
+        If the limit is not finite, or as `transfer_matrix`; when it is called, if the drives have another shape.
+
+    Notes
+    -----
+    A drive is judged in its steady state. While one follows another, some transducers' sound of the old one arrives
+    together with others' of the new one: that mixture may be about a decibel louder than both. `Exposure.gain` of the
+    emitted waves counts it.
     """
-    medium, points = as_medium(medium), as_places(seated(array) if at is None else at)
-    field = responses(array, points, medium) @ as_waves(array, drives, "drives").T
-    return _gain(float(sound_pressure_level(np.abs(field).max())), limit_db)
+    if not math.isfinite(limit_db):
+        raise ValueError(f"an exposure limit of {limit_db} dB must be finite, such as 110")
+    points = as_places(seated(array) if at is None else at)
+    allowed = 10 ** ((limit_db - float(sound_pressure_level(1.0))) / 20)  # Pa
+    relative = (responses(array, points, as_medium(medium)).T / allowed).astype(np.complex64)
+    return lambda drives: 1 / max(1.0, float(np.abs(as_waves(array, drives, "drives") @ relative).max()))
 
 
 def _gain(level_db: float, limit_db: float) -> float:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from phasewire import Medium, TransducerArray, pressure
 from phasewire.feel.arriving import arriving, responses
-from phasewire.feel.exposure import LIMITS, exposure, exposure_gain, scattered, seated
+from phasewire.feel.exposure import LIMITS, exposure, exposure_limit, scattered, seated
 from phasewire.solver import TRANSDUCERS
 from phasewire.solver.acoustics.models import directivity
 from phasewire.solver.acoustics.resonator import Resonator
@@ -82,12 +82,12 @@ def test_a_person_sits_before_the_array_wherever_it_lies() -> None:
 @given(st.floats(60, 140), st.integers(0, 5))
 def test_a_gain_keeps_its_limit_exactly(limit: float, seed: int) -> None:
     array, drives = TransducerArray.grid(), some_drives(3, seed)
-    gain = exposure_gain(array, drives, None, limit)
+    gain = exposure_limit(array, None, limit)(drives)
     loudest = max(exposure(array, [gain * drive]).greatest_db.max() for drive in drives)
     assert gain <= 1
     assert loudest == pytest.approx(limit, abs=1e-2) if gain < 1 else loudest <= limit + 1e-2
     assert exposure(array, drives[:1]).gain(limit) == pytest.approx(
-        exposure_gain(array, drives[:1], None, limit), rel=1e-3
+        exposure_limit(array, None, limit)(drives[:1]), rel=1e-3
     )
 
 
@@ -108,6 +108,6 @@ def test_what_does_not_fit_is_refused(array: TransducerArray) -> None:
     with pytest.raises(ValueError, match=r"waves have the shape \(2,\); \(t, 320\) is needed"):
         exposure(array, [1, 1])
     with pytest.raises(ValueError, match=r"drives have the shape \(1, 2\); \(t, 320\) is needed"):
-        exposure_gain(array, [[1, 1]], None, 110)
+        exposure_limit(array, None, 110)([[1, 1]])
     with pytest.raises(ValueError, match="an exposure limit of nan dB must be finite"):
-        exposure_gain(array, np.ones((1, 320)), None, math.nan)
+        exposure_limit(array, None, math.nan)(np.ones((1, 320)))

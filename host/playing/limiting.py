@@ -1,0 +1,70 @@
+"""Pulses that keep a limit of exposure, judged by what is emitted: in whole ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...protocol.board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
+from ...protocol.pulses import Pulses
+from ...protocol.quantise import PulseFrames, quantise
+from .calibration import Calibration
+
+__all__ = ["SHORTEST_PULSE", "Limit", "pulses_within"]
+
+Limit: TypeAlias = Callable[[NDArray[np.complexfloating]], float]
+"""From the emissions (k, n) of frames to the factor, at most 1, with which all of them keep a limit; such as
+`feel.exposure.exposure_limit` makes."""
+SHORTEST_PULSE = float(np.sin(np.pi / (2 * MAX_WIDTH_TICKS)))
+"""The weakest drive above silence: a pulse of one tick."""
+TURN_DOWN = 0.97
+"""The largest factor by which drives are turned down: a smaller change may be lost in whole ticks."""
+
+
+def pulses_within(
+    drives: NDArray[np.complexfloating], calibration: Calibration | None = None, limit: Limit | None = None
+) -> tuple[PulseFrames, float]:
+    """The pulses of drives, turned down until what they emit keeps a limit.
+
+    Parameters
+    ----------
+    drives : (k, n) complex
+        Of magnitude at most 1.
+    calibration : Calibration, optional
+        Of the device.
+    limit : callable, optional
+        See `Limit`; without it nothing is turned down.
+
+    Returns
+    -------
+    PulseFrames
+        Of k frames.
+    float
+        The factor by which the drives were turned down, 1 for not at all.
+
+    Raises
+    ------
+    ValueError
+        As `quantise`.
+    """
+    gain = 1.0
+    while True:
+        wanted = drives if gain == 1 else drives * np.float32(gain)
+        pulses = quantise(wanted if calibration is None else calibration.apply(wanted))
+        if limit is None:
+            return pulses, gain
+        emitted = _pulse_drives()[pulses.phase, pulses.width]
+        if (factor := limit(emitted if calibration is None else emitted * calibration.response)) >= 1:
+            return pulses, gain
+        gain *= min(factor, TURN_DOWN)
+
+
+@cache
+def _pulse_drives() -> NDArray[np.complex64]:
+    """The drive of each pulse, by its phase and its width."""
+    phase, width = np.indices((HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS + 1))
+    return Pulses(phase.ravel(), width.ravel()).to_drive().reshape(phase.shape).astype(np.complex64)
