@@ -29,8 +29,7 @@ MOST_HZ = 800.0
 """Highest frequency that counts: no channel of touch is known above it."""
 NEGLIGIBLE = 1e-4
 """A frequency is skipped if its pressure, summed over the places, is below this part of the strongest frequency's."""
-FREQUENCIES_AT_A_TIME = 8
-"""Their waves fit a processor's cache."""
+FREQUENCIES_AT_A_TIME = 256
 DEPTH, NODES_PER_TURN, BEYOND = 4.0, 3.0, 1.2
 """Of an integral over wavenumbers: its depth below the real axis times the reach, its nodes for each turn of the
 integrand, and its end as a part of the grid's largest wavenumber. Without any loss it is then right to 1e-5."""
@@ -182,12 +181,11 @@ def displaced(skin: Skin, spectra: NDArray[Wave], frequencies: NDArray[np.float6
     cut_off = _CutOff.at(reach * spacing, wavenumbers)
     moved = np.empty_like(spectra)
     for first in range(0, len(spectra), FREQUENCIES_AT_A_TIME):
-        part = slice(first, first + FREQUENCIES_AT_A_TIME)
-        response = cut_off.response(skin, frequencies[part]).astype(spectra.dtype)
-        waves = scipy.fft.fft(scipy.fft.fft(spectra[part], size, axis=2, workers=-1), size, axis=1, workers=-1)
-        waves *= response[:, cells.reshape(size, size)]
-        kept = scipy.fft.ifft(waves, axis=1, workers=-1)[:, :rows]
-        moved[part] = scipy.fft.ifft(kept, axis=2, workers=-1)[..., :columns]
+        response = cut_off.response(skin, frequencies[first : first + FREQUENCIES_AT_A_TIME]).astype(spectra.dtype)
+        for index, each in enumerate(response, first):  # a wave fits a processor's cache
+            wave = scipy.fft.fft(scipy.fft.fft(spectra[index], size, axis=1), size, axis=0)
+            wave *= each[cells].reshape(size, size)
+            moved[index] = scipy.fft.ifft(scipy.fft.ifft(wave, axis=0)[:rows], axis=1)[:, :columns]
     return moved
 
 

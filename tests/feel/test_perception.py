@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from phasewire import Hand, Medium, TransducerArray, pressure
 from phasewire.feel.perception import FeltMap, feel, felt_map, radiation_pressures
 from phasewire.feel.receptors import TOUCH_CHANNELS
@@ -31,7 +31,7 @@ def rung(drives: NDArray[np.complex128]) -> NDArray[np.complex64]:
     return one.ring(np.concatenate([drives, drives]))[1 + len(drives) :].astype(np.complex64)
 
 
-def focused(array: TransducerArray, places: object) -> NDArray[np.complex128]:
+def focused(array: TransducerArray, places: ArrayLike) -> NDArray[np.complex128]:
     """(k, n) full drives that focus on each of (k, 3) places."""
     matrix = transfer_matrix(array, places).conj()
     return np.asarray(matrix / np.abs(matrix))
@@ -50,7 +50,7 @@ def circled(array: TransducerArray, frequency: float, radius: float, periods: in
     return rung(np.repeat(focused(array, places), hold, axis=0)[:periods])
 
 
-def spot(places: SkinPlaces, x: object, y: object) -> NDArray[np.float64]:
+def spot(places: SkinPlaces, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
     """(t, k) pressure of an ideal focus of 20 Pa at (t,) places."""
     away = places.positions[None, :, :2] - np.stack(np.broadcast_arrays(x, y), axis=-1)[:, None]
     return np.asarray(20 * np.exp(-np.square(away).sum(axis=2) / (2 * WIDTH**2)))
@@ -75,10 +75,9 @@ def test_the_radiation_pressure_is_that_of_the_literal_version(array: Transducer
     waves = (rng.standard_normal((5, 320)) + 1j * rng.standard_normal((5, 320))).astype(np.complex64)
     hand = Unfolded.of(Hand.flat((0.02, 0, 0.18), curl=0.4).rotated(20, (1, 0, 0)), spacing=0.03)
     expected = literal(array, waves, hand)
-    np.testing.assert_allclose(radiation_pressures(array, waves, hand, every=1), expected, atol=1e-4 * expected.max())
-    np.testing.assert_allclose(
-        radiation_pressures(array, waves, hand, every=2), expected[::2], atol=1e-4 * expected.max()
-    )
+    for every in (1, 2):
+        pushed = radiation_pressures(array, waves, hand, every=every)
+        np.testing.assert_allclose(pushed, expected[::every], atol=1e-4 * expected.max())
 
 
 def test_a_plane_wave_pushes_by_the_squared_cosine_and_the_back_of_a_hand_is_not_pushed(array: TransducerArray) -> None:

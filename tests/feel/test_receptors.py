@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from phasewire.feel.receptors import TOUCH_CHANNELS
+from phasewire.feel.receptors import TOUCH_CHANNELS, TouchChannel
 
 P, NP_I, NP_III = TOUCH_CHANNELS
 
-READ = {
+READ: dict[TouchChannel, dict[float, float]] = {
     P: {40: 10.0, 100: -6.0, 250: -20.0, 500: -12.0},
     NP_I: {3: 24.0, 30: 11.0, 100: 15.0},
     NP_III: {0.4: 27.0, 3: 24.0},
@@ -37,7 +37,7 @@ def test_pacinian_threshold_falls_by_12_db_per_octave_to_its_minimum_at_250_hz()
 @pytest.mark.parametrize(
     ("frequency", "lowest"), [(1.0, NP_III), (10.0, NP_I), (30.0, NP_I), (63.0, P), (125.0, P), (250.0, P)]
 )
-def test_the_most_sensitive_channel_is_the_published_one(frequency: float, lowest: object) -> None:
+def test_the_most_sensitive_channel_is_the_published_one(frequency: float, lowest: TouchChannel) -> None:
     """Bolanowski 1988; Morioka, Whitehouse and Griffin 2008: not Pacinian to 31.5 Hz, Pacinian from 63 Hz."""
     assert min(TOUCH_CHANNELS, key=lambda channel: float(channel.threshold(frequency))) is lowest
 

@@ -20,11 +20,11 @@ SPACING = 1e-3
 def distances(rows: int, columns: int, row: float, column: float) -> NDArray[np.float64]:
     """Of the cells of a grid from a place in it, in metres."""
     y, x = np.indices((rows, columns))
-    return np.hypot(y - row, x - column) * SPACING
+    return np.asarray(np.hypot(y - row, x - column) * SPACING)
 
 
 def steady(skin: Skin, pressure: NDArray[np.float64]) -> NDArray[np.float64]:
-    return displacement(skin, pressure[None], 1000.0, SPACING)[0]
+    return np.asarray(displacement(skin, pressure[None], 1000.0, SPACING)[0])
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3, 0.5])

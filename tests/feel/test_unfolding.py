@@ -12,7 +12,7 @@ TURNED = Hand.flat((0.01, -0.02, 0.2), curl=(0.3, 0.5, 0.2, 0.6, 0.9)).rotated(3
 
 def on_grid(places: SkinPlaces) -> NDArray[np.float64]:
     """(k, 2) where the places are on the flat skin, in metres."""
-    return np.argwhere(places.mask)[:, ::-1] * places.spacing
+    return np.asarray(np.argwhere(places.mask)[:, ::-1] * places.spacing)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -52,9 +52,8 @@ def test_the_same_places_of_skin_move_with_the_hand() -> None:
     assert closed.mask is open_one.mask
     tip = np.flatnonzero(open_one.quads == 9)
     for joint in (11, 12):
-        np.testing.assert_allclose(
-            *(np.linalg.norm(u.positions[tip] - u.hand.landmarks[joint], axis=1) for u in (open_one, closed)), atol=1e-3
-        )
+        before, after = (np.linalg.norm(u.positions[tip] - u.hand.landmarks[joint], axis=1) for u in (open_one, closed))
+        np.testing.assert_allclose(before, after, atol=1e-3)
     assert np.linalg.norm(closed.positions[tip] - open_one.positions[tip], axis=1).min() > 0.03
 
 
