@@ -63,8 +63,8 @@ def study(
     _tell(out, found)
     limit = chance_at_most(int(found.silent.counts.sum()), len(found.silent.answers), SURE)
     sound = max(found.silent.accuracy, found.shuffled.accuracy) <= limit
-    verdict = "are at chance" if sound else "ARE ABOVE CHANCE: the answers do not come from the field alone"
-    out.print(f"Both controls {verdict} (at most {limit:.0%} by guessing, in 999 of 1000 studies).")
+    verdict = "Both controls are" if sound else "NOT SOUND: a control is not"
+    out.print(f"{verdict} at chance, at most {limit:.0%} by guessing in {SURE:.1%} of such studies.")
     out.print(f"Drawn to {output} ({perf_counter() - started:.0f} s).")
     options = {"persons": persons, "trials": trials, "seconds": seconds, "seed": seed}
     told = {"format": "phasewire-study-1", "options": options, "controls_at_chance": sound}

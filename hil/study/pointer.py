@@ -21,14 +21,15 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ...emulator import Emulator
+from ...feel.perception import radiation_pressures
 from ...feel.unfolding import SkinPatch
 from ...host import open_device
 from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
-from ...solver import Circle, Medium, Polygon, Solver, TransducerArray
+from ...solver import Circle, Polygon, Solver, TransducerArray
 from ...solver.rendering.outline import Outline
 from ..emission import emitted_waves
 from .judging import Confusion, answered, judged
-from .sensing import EVERY, HAND_ERROR, SPACING, WINDOW_SECONDS, blurred, cells_of, noticed, over_time, pushed
+from .sensing import EVERY, HAND_ERROR, SPACING, WINDOW_SECONDS, blurred, cells_of, noticed, over_time
 
 __all__ = [
     "FLAT_SHAPES",
@@ -147,7 +148,7 @@ def felt_on_palm(shape: str, way: str) -> NDArray[np.float64]:
         capture = emulator.capture()
     first = min(latches[0] for latches in capture.latches) // TICKS_PER_PERIOD
     waves = emitted_waves(capture, array, first, first + round(LOOP_SECONDS * CARRIER_HZ)).waves
-    return over_time(pushed(array, waves[::EVERY], PALM, Medium()), PALM)
+    return over_time(radiation_pressures(array, waves, PALM, every=EVERY), PALM)
 
 
 def _frames(shape: str, way: str, array: TransducerArray) -> Iterator[NDArray[np.complex64]]:

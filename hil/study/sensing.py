@@ -22,17 +22,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...feel.perception import felt_map
+from ...feel.perception import felt_map, radiation_pressures
 from ...feel.unfolding import SkinPlaces, Unfolded
 from ...protocol.board import CARRIER_HZ
-from ...solver import Medium, TransducerArray
-from ...solver.acoustics.propagation import arrivals
-from ...solver.fields.quantities import radiation_pressure
+from ...solver import TransducerArray
 from ..emission import emitted_waves
 from .persons import Exploration
 from .trials import PlayedTrial
 
-__all__ = ["Sensed", "blurred", "cells_of", "felt_on_hand", "noticed", "over_time", "pushed", "sensed"]
+__all__ = ["Sensed", "blurred", "cells_of", "felt_on_hand", "noticed", "over_time", "sensed"]
 
 BLUR = 8.5e-3 / math.sqrt(math.pi / 2)
 WEBER = 0.2
@@ -87,7 +85,7 @@ def noticed(levels: NDArray[np.float64], chance: np.random.Generator) -> NDArray
 
 
 def felt_on_hand(
-    played: PlayedTrial, path: Exploration, array: TransducerArray, medium: Medium | None = None
+    played: PlayedTrial, path: Exploration, array: TransducerArray
 ) -> tuple[NDArray[np.float64], Unfolded]:
     """Perceived intensity of the skin of a moving hand, before any error of a person.
 
@@ -98,18 +96,12 @@ def felt_on_hand(
     skin : Unfolded
         The k places, on the hand at the origin.
     """
-    medium = medium or Medium()
     waves = emitted_waves(played.capture, array, played.first, played.last).waves
     skin = Unfolded.of(path.hand, SPACING)
-    pressures = [
-        pushed(
-            array,
-            waves[start : start + POSE_PERIODS : EVERY],
-            skin.at(path.at((start + POSE_PERIODS / 2) / CARRIER_HZ)),
-            medium,
-        )
-        for start in range(0, len(waves), POSE_PERIODS)
-    ]
+    pressures = []
+    for start in range(0, len(waves), POSE_PERIODS):
+        pose = skin.at(path.at((start + POSE_PERIODS / 2) / CARRIER_HZ))
+        pressures.append(radiation_pressures(array, waves[start : start + POSE_PERIODS], pose, every=EVERY))
     return over_time(np.concatenate(pressures), skin), skin
 
 
@@ -119,23 +111,6 @@ def over_time(pressures: NDArray[np.float32], skin: SkinPlaces) -> NDArray[np.fl
     windows = max(round(len(pressures) / rate / WINDOW_SECONDS), 1)
     silence = np.zeros((len(pressures) // windows, pressures.shape[1]), np.float32)  # in which waves fade
     return felt_map(np.concatenate([pressures, silence]), skin, rate).intensity_over_time(WINDOW_SECONDS)[:windows]
-
-
-def pushed(
-    array: TransducerArray, waves: NDArray[np.complex64], skin: SkinPlaces, medium: Medium
-) -> NDArray[np.float32]:
-    """Radiation pressure (t, k) in Pa, as `radiation_pressures` but compiled: a moving hand needs many matrices."""
-    positions, normals = skin.positions, skin.normals
-    squares = np.square(positions).sum(axis=1)[:, None] + np.square(array.positions).sum(axis=1)
-    distance = np.sqrt(squares - 2 * positions @ array.positions.T)
-    turns = medium.wavenumber / (2 * np.pi) * distance
-    phase = (2 * np.pi * (turns - np.floor(turns))).astype(np.float32)
-    towards = normals @ array.positions.T - np.einsum("ki,ki->k", normals, positions)[:, None]
-    matrix = arrivals(array, positions, medium)
-    matrix *= np.maximum(towards / distance, 0).astype(np.float32)
-    matrix *= np.cos(phase) + 1j * np.sin(phase)
-    arrived = matrix @ waves.T
-    return ((arrived.real**2 + arrived.imag**2) * np.float32(radiation_pressure(1.0, medium))).T
 
 
 def sensed(

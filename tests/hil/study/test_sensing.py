@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from phasewire import Medium, Mesh, TransducerArray
-from phasewire.feel.perception import radiation_pressures
+from phasewire import Mesh, TransducerArray
 from phasewire.feel.unfolding import SkinPatch, Unfolded
 from phasewire.hil.emission import emitted_waves
 from phasewire.hil.study.persons import Exploration, Person
@@ -20,10 +19,9 @@ from phasewire.hil.study.sensing import (
     cells_of,
     felt_on_hand,
     noticed,
-    pushed,
     sensed,
 )
-from phasewire.hil.study.trials import PlayedTrial, explored
+from phasewire.hil.study.trials import explored
 from phasewire.solver.contact.hand import Hand
 
 ARRAY = TransducerArray.grid()
@@ -34,21 +32,13 @@ PATCH = SkinPatch((0, 0, 0.2), 0.1, 0.1, 2e-3)
 
 
 @pytest.fixture(scope="module")
-def ball() -> PlayedTrial:
-    """A ball of 2 cm on the palm."""
-    return explored(Mesh.sphere(0.02, (0, 0, 0.2)), STILL, SECONDS, ARRAY)
+def ball() -> tuple[np.ndarray, Unfolded]:
+    """What is felt of a ball of 2 cm on the palm."""
+    return felt_on_hand(explored(Mesh.sphere(0.02, (0, 0, 0.2)), STILL, SECONDS, ARRAY), STILL, ARRAY)
 
 
-def test_the_pressure_is_that_of_the_readable_form() -> None:
-    chance = np.random.default_rng(0)
-    waves = (chance.standard_normal((7, 320, 2)) @ [1, 1j]).astype(np.complex64)
-    skin = Unfolded.of(Person.drawn(3, 0).explores(1).at(0.4), 6e-3)
-    expected = radiation_pressures(ARRAY, waves, skin, every=1)
-    np.testing.assert_allclose(pushed(ARRAY, waves, skin, Medium()), expected, atol=2e-6 * expected.max())
-
-
-def test_what_is_felt_most_is_where_the_object_is(ball: PlayedTrial) -> None:
-    levels, skin = felt_on_hand(ball, STILL, ARRAY)
+def test_what_is_felt_most_is_where_the_object_is(ball: tuple[np.ndarray, Unfolded]) -> None:
+    levels, skin = ball
     assert levels.shape == (16, len(skin.positions))
     late = levels[-4:].mean(axis=0)
     place = skin.at(STILL.at(SECONDS)).positions[late.argmax()]
@@ -56,9 +46,9 @@ def test_what_is_felt_most_is_where_the_object_is(ball: PlayedTrial) -> None:
     assert late.max() > 1
 
 
-def test_before_the_hand_is_there_nothing_is_felt(ball: PlayedTrial) -> None:
+def test_before_the_hand_is_there_nothing_is_felt(ball: tuple[np.ndarray, Unfolded]) -> None:
     """It begins 8 cm above its place, and the ball has a radius of 1 cm."""
-    levels, _ = felt_on_hand(ball, STILL, ARRAY)
+    levels, _ = ball
     assert levels[0].max() < 1e-2 * levels.max()
 
 
