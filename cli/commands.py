@@ -69,6 +69,10 @@ PANELS = {
             "missing ones and ghosts.",
         ),
         "reproduce": Home("reproduce", "Compute a figure of the paper again."),
+        "feel": Home(
+            "feel", "Say how a shape is felt and heard, as emulated boards emit it: skin, ears, exposure, power."
+        ),
+        "study": Home("study", "Simulate the paper's user study: hands explore objects, and a classifier answers."),
     },
     "Play": {
         "show": Home("playing", "Play one frame on a device, and leave its outputs off."),

@@ -28,6 +28,7 @@ from ..solver.fields.files import load_solution, save_field, save_solution
 from ..solver.fields.focus import focus_report
 from ..solver.fields.grid import Grid
 from ..solver.fields.quantities import QUANTITIES
+from ..solver.fields.validity import validity
 from ..solver.geometry import counted
 from ..solver.methods.methods import METHODS, options_of
 from ..solver.methods.options import Output
@@ -309,7 +310,7 @@ def field(
     elif output.suffix.lower() == VTK:
         save_vti(output, result)
     elif isinstance(result, PlaneField):
-        save_field_picture(output, result, solution.points, quantity)
+        save_field_picture(output, result, solution.points, quantity, solution.array)
     strongest, where = result.strongest()
     x, y, z = where * 1e3
     middle = ", ".join(f"{coordinate:g}" for coordinate in grid.centre)
@@ -317,6 +318,9 @@ def field(
         f"{result.pressure.size} samples over a {grid.kind} around ({middle}) m; strongest {strongest:.0f} Pa (peak, "
         f"linear model) at x = {x:.1f} mm, y = {y:.1f} mm, z = {z:.1f} mm. Written to {output}.",
     )
+    believed = validity(solution.array, strongest, where, solution.medium)
+    if not believed.linear:
+        error_console().print(f"warning: {believed}", style="yellow")
     write_json(
         json_target,
         {
@@ -327,6 +331,7 @@ def field(
             "step_m": grid.step,
             "samples": result.pressure.size,
             "strongest": {"pa": strongest, "x_m": where[0], "y_m": where[1], "z_m": where[2]},
+            "validity": believed.record(),
         },
     )
 
@@ -360,7 +365,13 @@ def focus(
         table.add_row("", _millimetres(ghost.position), f"{ghost.pressure:.0f}", "", "", Text("ghost", "red"))
     out.print(table)
     out.print(report.summary())
-    write_json(json_target, {"format": "phasewire-focus-1", "file": str(file)} | report.record())
+    focal = max(report.foci, key=lambda found: found.peak)
+    believed = validity(solution.array, focal.peak, focal.position, solution.medium)
+    out.print(f"{believed}.", style=None if believed.linear else "yellow")
+    write_json(
+        json_target,
+        {"format": "phasewire-focus-1", "file": str(file)} | report.record() | {"validity": believed.record()},
+    )
 
 
 def _millimetres(lengths: Sequence[float | None], digits: int = 1) -> str:

@@ -30,10 +30,10 @@ from ..solver import Medium, TransducerArray
 from ..solver.acoustics.medium import as_medium
 from ..solver.acoustics.resonator import Resonator
 from ..solver.fields.quantities import REFERENCE
+from ..solver.fields.validity import NONLINEARITY, aperture_radius
 from ..solver.geometry import PointsLike, as_places
 from .arriving import as_waves
-from .power import aperture_radius, power_over_time
-from .validity import NONLINEARITY
+from .power import power_over_time
 
 __all__ = ["PARTS", "REACH", "Audible", "a_weighting", "audible", "square_pulses"]
 

@@ -14,7 +14,7 @@ from ..solver.acoustics.models import residual
 from ..solver.fields.quantities import air_density, intensity
 from .arriving import as_waves
 
-__all__ = ["RadiatedPower", "absorbed_share", "aperture_radius", "full_power", "power", "power_over_time", "warming"]
+__all__ = ["RadiatedPower", "absorbed_share", "full_power", "power", "power_over_time", "warming"]
 
 CAPACITANCE = 2.55e-9  # F, MA40S4S at 1 kHz (muRata, data sheet)
 SKIN_IMPEDANCE = 1.5e6  # Pa·s/m: a density of 1000 to 1100 kg/m³ times 1500 m/s, the lower end of what is published
@@ -57,15 +57,6 @@ def power_over_time(array: TransducerArray, waves: ArrayLike, medium: Medium | N
     share = np.repeat(np.abs(array.response) ** 2, 2).astype(np.float32)
     parts = series.view(np.float32)
     return np.asarray(np.einsum("tq,tq,q->t", parts, parts, share) * full_power(array.transducer, medium), np.float64)
-
-
-def aperture_radius(array: TransducerArray) -> float:
-    """Radius of the disc with the array's mean square distance from its mean normal, in metres."""
-    offset = array.positions - array.positions.mean(axis=0)
-    normal = array.normals.mean(axis=0)
-    normal = normal / max(float(np.linalg.norm(normal)), 1e-9)
-    across = offset - np.outer(offset @ normal, normal)
-    return math.sqrt(2 * float(np.mean(np.sum(across**2, axis=1))) + array.transducer.reach**2)
 
 
 def absorbed_share(medium: Medium | None = None) -> float:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from ..pictures import LANDSCAPE, new_figure, printed, save_figure
 from ..protocol.board import TICKS_PER_PERIOD
 from ..solver import PlaneField
+from ..solver.fields.validity import validity
 from ..storage import FilePath
 from .end_to_end import EndToEnd
 
@@ -37,4 +38,6 @@ def save_end_to_end_picture(path: FilePath, run: EndToEnd, field: PlaneField, he
     axes["array"].set_title("Drive rebuilt from the bits (area: magnitude)")
     draw_waves(axes["waves"], run)
     figure.suptitle(headline)
+    believed = validity(run.solution.array, *field.strongest(), field.medium)
+    figure.supxlabel(f"Field: {believed.brief}", fontsize="small")
     save_figure(figure, path)

@@ -16,10 +16,10 @@ from ..feel.hearing import Audible, audible
 from ..feel.perception import EVERY, FeltMap, feel
 from ..feel.power import RadiatedPower, power
 from ..feel.unfolding import SkinPlaces, Unfolded
-from ..feel.validity import Validity, validity
 from ..host import open_device
 from ..host.playing.cycles import play_cycle
 from ..solver import Cycle, Hand, Medium, Outline, TransducerArray, transfer_matrix
+from ..solver.fields.validity import Validity, validity
 from .emission import emitted_waves
 
 __all__ = ["Sensation", "sense", "skin_over"]

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from ...pictures import LANDSCAPE, save_figure
 from ...storage import FilePath
+from ..acoustics.array import TransducerArray
 from ..arguments import instance_of
 from ..fields.field import Field, PlaneField
 from ..fields.quantities import QUANTITIES
+from ..fields.validity import validity
 from ..methods.solve import Wanted
 
 __all__ = ["compare_fields", "save_field_picture"]
@@ -62,13 +64,33 @@ def compare_fields(
 
 
 def save_field_picture(
-    path: FilePath, field: PlaneField, points: Wanted | None = None, quantity: str = "pressure"
+    path: FilePath,
+    field: PlaneField,
+    points: Wanted | None = None,
+    quantity: str = "pressure",
+    array: TransducerArray | None = None,
 ) -> None:
-    """Write a picture of a field with its control points: a quantity of `QUANTITIES`, or the ``oil`` that it pushes."""
+    """Write a picture of a field with its control points.
+
+    Parameters
+    ----------
+    path : path
+        Its suffix is the format.
+    field : PlaneField
+        A plane.
+    points : ControlPoints, Shape or (m, 3) float, optional
+        Those in the plane are marked.
+    quantity : str
+        A key of `QUANTITIES`, or ``oil``, the surface that the field pushes down.
+    array : TransducerArray, optional
+        That made the field; a line then says how far the linear model holds at its strongest place.
+    """
     from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
 
     instance_of(field, Field, "field", "as in save_field_picture(path, field)")
     shape = field.grid.counts[0] / field.grid.counts[1]
     figure = Figure(figsize=(min(max(5.2 * shape, 3.0), 12.0) + 1.8, 6), layout="compressed")
     field.plot(figure.subplots(), points=points, quantity=quantity)
+    if array is not None:
+        figure.supxlabel(validity(array, *field.strongest(), field.medium).brief, fontsize="small")
     save_figure(figure, path)

@@ -519,7 +519,16 @@ def shape_help() -> str:
     return "\n".join(f"{name}:{written(shape)}" for name, shape in SHAPES.items())
 
 
-def _read_vertices(text: str) -> Vertices:
+def read_vertices(text: str) -> Vertices:
+    """Places from text, ``x:y:z/x:y:z/…`` in metres, or from the file of points that it names.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    InputFileError, OSError
+        If the file cannot be read, or its points have amplitudes.
+    """
     if Path(text).suffix.lower() not in POINT_FILES:
         return tuple(tuple(float(number) for number in vertex.split(":")) for vertex in text.split("/"))
     points = read_points(text)
@@ -529,7 +538,7 @@ def _read_vertices(text: str) -> Vertices:
 
 
 READERS["Vertices"] = (
-    _read_vertices,
+    read_vertices,
     f"x:y:z/x:y:z/... in metres or the name of a file of points ({', '.join(POINT_FILES)})",
 )
 

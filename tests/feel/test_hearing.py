@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from phasewire import Medium, Pulses, TransducerArray
 from phasewire.feel.arriving import arriving
 from phasewire.feel.hearing import Audible, a_weighting, audible, square_pulses
-from phasewire.feel.power import aperture_radius, full_power
+from phasewire.feel.power import full_power
 from phasewire.solver.acoustics.resonator import Resonator
 from phasewire.solver.fields.quantities import air_density
+from phasewire.solver.fields.validity import aperture_radius
 
 MEDIUM = Medium()
 C, CARRIER, STRENGTH = MEDIUM.speed_of_sound, 40_000.0, 5.73

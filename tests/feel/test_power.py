@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import scipy
 from phasewire import ControlPoints, Medium, Transducer, TransducerArray, solve
-from phasewire.feel.power import absorbed_share, aperture_radius, full_power, power, power_over_time, warming
+from phasewire.feel.power import absorbed_share, full_power, power, power_over_time, warming
 from phasewire.solver.acoustics.models import directivity
 from phasewire.solver.fields.quantities import air_density
+from phasewire.solver.fields.validity import aperture_radius
 
 MEDIUM = Medium()
 RHO_C = air_density(MEDIUM) * MEDIUM.speed_of_sound

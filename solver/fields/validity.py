@@ -9,15 +9,23 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..solver import Medium, TransducerArray
-from ..solver.acoustics.medium import DECIBELS_PER_NEPER, as_medium
-from ..solver.fields.quantities import air_density, intensity, sound_pressure_level
-from .power import aperture_radius
+from ..acoustics.array import TransducerArray
+from ..acoustics.medium import DECIBELS_PER_NEPER, Medium, as_medium
+from .quantities import air_density, intensity, sound_pressure_level
 
-__all__ = ["NONLINEARITY", "Validity", "fundamental", "shock_distance", "validity"]
+__all__ = ["NONLINEARITY", "Validity", "aperture_radius", "fundamental", "shock_distance", "validity"]
 
 NONLINEARITY = 1.2  # β = (γ + 1)/2 of air
 QUASI_LINEAR, STRONG = 0.5, 1.5  # distortion parameter, IEC 61949:2007
+
+
+def aperture_radius(array: TransducerArray) -> float:
+    """Radius of the disc with the array's mean square distance from its mean normal, in metres."""
+    offset = array.positions - array.positions.mean(axis=0)
+    normal = array.normals.mean(axis=0)
+    normal = normal / max(float(np.linalg.norm(normal)), 1e-9)
+    across = offset - np.outer(offset @ normal, normal)
+    return math.sqrt(2 * float(np.mean(np.sum(across**2, axis=1))) + array.transducer.reach**2)
 
 
 def shock_distance(peak: float, medium: Medium | None = None) -> float:
@@ -80,6 +88,23 @@ class Validity:
     def linear(self) -> bool:
         """Whether the linear model holds, to about 3 % of the fundamental."""
         return self.distortion <= QUASI_LINEAR
+
+    def record(self) -> dict[str, float | bool]:
+        """Its numbers for JSON."""
+        return {
+            "peak_pa": self.peak,
+            "distortion": self.distortion,
+            "linear": self.linear,
+            "fundamental_share": self.remaining,
+            "bound_pa": self.bound,
+            "streaming_m_s": self.streaming,
+        }
+
+    @property
+    def brief(self) -> str:
+        """One short line for a picture."""
+        holds = "the linear model holds" if self.linear else "beyond the linear model"
+        return f"{holds}: distortion {self.distortion:.2g} at the strongest place, {QUASI_LINEAR:g} is the limit"
 
     def __str__(self) -> str:
         word = (

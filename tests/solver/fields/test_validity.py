@@ -8,9 +8,8 @@ import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import ControlPoints, Medium, TransducerArray, sample_plane, solve
-from phasewire.feel.power import aperture_radius
-from phasewire.feel.validity import fundamental, shock_distance, validity
 from phasewire.solver.fields.quantities import air_density, intensity
+from phasewire.solver.fields.validity import aperture_radius, fundamental, shock_distance, validity
 
 MEDIUM = Medium()
 FOCUS = [0.0, 0.0, 0.2]

@@ -1,0 +1,142 @@
+"""The command that says how a shape is felt and heard: ``feel``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Column, Table
+
+from ..pictures import check_picture_path
+from ..signals import loading
+from ..solver import Renderer, TransducerArray
+from ..solver.rendering.ways import AUTO, WAYS
+from ..solver.shapes.point_files import POINT_FILES
+from ..storage import check_outputs
+from .console import JsonOption, among, console_for, error_console, write_json
+from .listening import ListenersOption, load_listeners
+from .playing import MethodOption
+from .points import ArrayOption, files_in, load_array, read_outline, shapes_and_files
+from .rendering import RENDER_HELP, SQUARE
+
+__all__ = ["commands"]
+
+commands = typer.Typer(rich_markup_mode=None)
+
+MOST_WAYS = 4
+
+
+@commands.command(
+    epilog="Example: phasewire feel circle:radius=0.03 --render stm --render am -o feel.png",
+    help=f"""Say how a shape is felt and heard, as emulated boards emit it: skin, ears, exposure, power.
+
+Each way of rendering is played on an emulated device. From the bits of its outputs follow the waves, from these the
+push on a flat hand over the shape, the motion of its skin, and the intensity that its receptors could perceive; and
+what ears hear, and how loud the ultrasound is there. All of it is a model; docs/explanation/skin.md and
+quiet-and-safe.md say what it leaves out.
+{RENDER_HELP}""",
+)
+def feel(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A shape such as circle:radius=0.03, or a file of points.",
+            autocompletion=shapes_and_files(POINT_FILES),
+        ),
+    ],
+    render: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--render",
+            metavar="WAY",
+            help=f"A way of rendering, to be given up to {MOST_WAYS} times; {SQUARE} and {AUTO} by default.",
+            autocompletion=among((AUTO, *WAYS)),
+        ),
+    ] = None,
+    method: MethodOption = "wgs",
+    listeners: ListenersOption = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Where to draw the felt maps: .png, .svg or .pdf."),
+    ] = None,
+    array: ArrayOption = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Say how a shape is felt and heard; the help above has the details."""
+    check_outputs([picture, json_target], inputs=[*files_in(source), *filter(None, [array])])
+    if picture is not None:
+        check_picture_path(picture)
+    names = render or [SQUARE, AUTO]
+    if len(names) > MOST_WAYS:
+        raise ValueError(f"{len(names)} ways of rendering are too many for a picture; at most {MOST_WAYS} are possible")
+    outline, transducers = read_outline(source), load_array(array) or TransducerArray.grid()
+    ears = load_listeners(listeners)
+    cycles = {name: Renderer(transducers, name, method).render(outline) for name in names}
+    with loading():
+        from ..feel.exposure import NOTE
+        from ..hil.sensing import sense, skin_over
+        from ..hil.sensing_picture import save_sensation_picture
+    hand, found = skin_over(outline), {}
+    with error_console().status("playing") as status:
+        for name, cycle in cycles.items():
+            status.update(f"playing {name}")
+            found[name] = sense(cycle, hand, ears, transducers)
+    out = console_for(json_target)
+    _print(out, found)
+    for name, sensed in found.items():
+        out.print(f"\n{name}\n{sensed.felt.summary()}")
+        for said in (sensed.sound, sensed.exposure, sensed.power, sensed.validity):
+            out.print(str(said))
+    out.print(f"\n{NOTE}.", style="yellow")
+    if picture is not None:
+        save_sensation_picture(picture, found, f"{source}: felt and heard, by the bits of emulated boards")
+        error_console().print(f"Drawn to {picture}")
+    write_json(
+        json_target,
+        {
+            "format": "phasewire-feel-1",
+            "source": source,
+            "ways": {name: _record(sensed) for name, sensed in found.items()},
+            "exposure_note": NOTE,
+        },
+    )
+
+
+def _print(out: Console, found: dict[str, Any]) -> None:
+    """A table of all ways."""
+    table = Table(
+        "way",
+        *(Column(header, justify="right") for header in ("cycle / Hz", "felt / threshold", "skin / %")),
+        *(Column(header, justify="right") for header in ("heard / dB(A)", "ultrasound / dB SPL", "power / W")),
+    )
+    for name, sensed in found.items():
+        row = _record(sensed)
+        table.add_row(
+            name,
+            f"{row['cycle_hz']:.1f}",
+            f"{row['strongest_over_threshold']:.1f}",
+            f"{row['felt_share'] * 100:.0f}",
+            f"{row['heard_dba']:.0f}",
+            f"{row['exposure_greatest_db']:.1f}",
+            f"{row['acoustic_w']:.1f}",
+        )
+    out.print(table)
+
+
+def _record(sensed: Any) -> dict[str, float | bool]:
+    """A way's numbers."""
+    return {
+        "cycle_hz": sensed.cycle.frequency,
+        "strongest_over_threshold": float(sensed.felt.intensity.max()),
+        "felt_share": float((sensed.felt.intensity >= 1).mean()),
+        "heard_dba": float(sensed.sound.levels_dba.max()),
+        "exposure_greatest_db": float(sensed.exposure.greatest_db.max()),
+        "exposure_mean_db": float(sensed.exposure.mean_db.max()),
+        "acoustic_w": sensed.power.acoustic,
+        "focal_peak_pa": sensed.validity.peak,
+        "focal_bound_pa": sensed.validity.bound,
+        "linear": sensed.validity.linear,
+    }

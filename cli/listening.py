@@ -1,0 +1,67 @@
+"""The options ``--listeners`` and ``--max-exposure``: where people are, and how loud it may be there."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from ..host.touching.fields import Limit
+from ..signals import loading
+from ..solver import TransducerArray
+from ..solver.geometry import as_points
+from ..solver.shapes.point_files import POINT_FILES
+from ..solver.shapes.shapes import read_vertices
+
+__all__ = ["ListenersOption", "MaxExposureOption", "limiter", "load_listeners"]
+
+ListenersOption = Annotated[
+    str | None,
+    typer.Option(
+        "--listeners",
+        metavar="PLACES",
+        help=f"Places of ears: x:y:z/x:y:z/... in m, or a file of points ({', '.join(POINT_FILES)}); by default those of "
+        "a person who sits in front of the array on a table.",
+    ),
+]
+
+MaxExposureOption = Annotated[
+    float | None,
+    typer.Option(
+        "--max-exposure",
+        metavar="DB",
+        help="Turn the drives down so far that the ultrasound keeps this level at the listeners, in dB SPL, such as "
+        "110.",
+    ),
+]
+
+
+def load_listeners(text: str | None) -> NDArray[np.float64] | None:
+    """The places that an option names, (j, 3) in metres; None for the default person."""
+    if text is None:
+        return None
+    try:
+        return as_points(read_vertices(text), "listener")
+    except ValueError as error:
+        raise ValueError(
+            f"--listeners {text}: {error}; places are x:y:z/x:y:z/... in m, or a file of points"
+        ) from error
+
+
+def limiter(array: TransducerArray, max_exposure: float | None, listeners: str | None) -> Limit | None:
+    """A function from emitted drives (k, n) to the factor that keeps the limit for all of them; None without a limit.
+
+    Raises
+    ------
+    ValueError
+        If the limit is not finite, a place is none, or listeners are named without a limit.
+    """
+    if max_exposure is None:
+        if listeners is not None:
+            raise ValueError("--listeners has no effect without --max-exposure; give one such as 110, or leave it out")
+        return None
+    with loading():
+        from ..feel.exposure import exposure_limit
+    return exposure_limit(array, load_listeners(listeners), max_exposure)
