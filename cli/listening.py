@@ -22,8 +22,8 @@ ListenersOption = Annotated[
     typer.Option(
         "--listeners",
         metavar="PLACES",
-        help=f"Places of ears: x:y:z/x:y:z/... in m, or a file of points ({', '.join(POINT_FILES)}); by default those of "
-        "a person who sits in front of the array on a table.",
+        help=f"Places of ears: x:y:z/x:y:z/... in m, or a file of points ({', '.join(POINT_FILES)}); by default those "
+        "of a person who sits in front of the array on a table.",
     ),
 ]
 

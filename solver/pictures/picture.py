@@ -92,5 +92,6 @@ def save_field_picture(
     figure = Figure(figsize=(min(max(5.2 * shape, 3.0), 12.0) + 1.8, 6), layout="compressed")
     field.plot(figure.subplots(), points=points, quantity=quantity)
     if array is not None:
-        figure.supxlabel(validity(array, *field.strongest(), field.medium).brief, fontsize="small")
+        believed = validity(array, *field.strongest(), field.medium)
+        figure.supxlabel(f"{believed.brief[0].upper()}{believed.brief[1:]}", fontsize="small")
     save_figure(figure, path)
