@@ -1,4 +1,4 @@
-"""The picture of a felt map: the perceived intensity over the flat skin."""
+"""The picture of a felt map: perceived intensity over the flat skin, and the spectrum where it is strongest."""
 
 from __future__ import annotations
 
@@ -6,17 +6,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..pictures import MM, axes_or_new, colour_bar
+from ..pictures import LANDSCAPE, MM, axes_or_new, colour_bar, new_figure, printed, save_figure
+from ..solver.geometry import place
+from ..storage import FilePath
 from .perception import FeltMap
+from .receptors import TOUCH_CHANNELS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["draw_felt"]
+__all__ = ["draw_felt", "draw_felt_spectrum", "save_felt_picture"]
+
+MICROMETRES = 1e6
+LEAST = 1e-3
+"""Part of the strongest vibration below which none is drawn."""
 
 
 def draw_felt(ax: Axes | None, felt: FeltMap, **style: Any) -> Axes:
-    """Draw perceived intensity over the flat skin, in thresholds; a line surrounds what is above the threshold."""
+    """Draw perceived intensity over the flat skin; a line surrounds what is above the threshold."""
     mask, spacing = felt.places.mask, felt.places.spacing
     image = np.full(mask.shape, np.nan)
     image[mask] = felt.intensity
@@ -25,8 +32,39 @@ def draw_felt(ax: Axes | None, felt: FeltMap, **style: Any) -> Axes:
     axes, title = axes_or_new(ax), style.pop("title", "Perceived intensity over the skin, laid out flat")
     look: dict[str, Any] = {"cmap": "inferno", "vmin": 0, "vmax": max(1.0, float(felt.intensity.max()))}
     drawn = axes.imshow(image, origin="lower", extent=edges, interpolation="nearest", **look | style)
-    if np.nanmin(image) < 1 < np.nanmax(image):
-        axes.contour(np.nan_to_num(image), levels=[1], extent=edges, colors="#7fdfff", linewidths=1)
+    if felt.intensity.min() < 1 < felt.intensity.max():
+        axes.contour(np.nan_to_num(image), levels=[1], origin="lower", extent=edges, colors="#7fdfff", linewidths=1)
     axes.set(title=title, xlabel="across / mm", ylabel="along / mm", facecolor="0.9")
     colour_bar(axes, drawn, "perceived intensity / threshold", fraction=0.046 * rows / columns, pad=0.02)
     return axes
+
+
+def draw_felt_spectrum(axes: Axes, felt: FeltMap) -> None:
+    """Draw how the strongest place vibrates, and the thresholds of the channels of touch."""
+    size = np.abs(felt.spectra[:, felt.strongest])
+    shown = size > LEAST * size.max(initial=0)
+    axes.vlines(felt.frequencies[shown], 0, size[shown] * MICROMETRES, color="0.2", linewidth=1.5, label="vibration")
+    for channel, dashes in zip(TOUCH_CHANNELS, ("-", "--", ":"), strict=True):
+        known = np.array(channel.thresholds)[:, 0]
+        axes.plot(
+            known, channel.threshold(known) * MICROMETRES, dashes, linewidth=1, label=f"threshold, {channel.name}"
+        )
+    axes.set(
+        title=f"Strongest place, {place(felt.places.positions[felt.strongest])}",
+        xlabel="frequency / Hz",
+        ylabel="displacement / µm (peak)",
+        xscale="log",
+        yscale="log",
+    )
+    axes.legend(fontsize="small")
+
+
+@printed()
+def save_felt_picture(path: FilePath, felt: FeltMap, headline: str) -> None:
+    """Write the picture in the format of the path's suffix."""
+    figure = new_figure(5.0, LANDSCAPE)
+    left, right = figure.subplots(1, 2)
+    draw_felt(left, felt)
+    draw_felt_spectrum(right, felt)
+    figure.suptitle(headline)
+    save_figure(figure, path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +11,15 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from phasewire import Hand, Medium, TransducerArray, pressure
 from phasewire.feel.perception import FeltMap, feel, felt_map, radiation_pressures
+from phasewire.feel.pictures import save_felt_picture
 from phasewire.feel.receptors import TOUCH_CHANNELS
 from phasewire.feel.skin import Skin, displacement
 from phasewire.feel.unfolding import SkinPatch, SkinPlaces, Unfolded
+from phasewire.pictures import LANDSCAPE
 from phasewire.solver import radiation_pressure, transfer_matrix
 from phasewire.solver.acoustics.resonator import Resonator
+
+from tests.pictures import faults_of
 
 FOCUS = (0.0, 0.0, 0.2)
 PATCH = SkinPatch(FOCUS, width=0.06, length=0.06, spacing=3e-3)
@@ -236,6 +241,20 @@ def test_a_felt_map_says_and_shows_what_it_is(array: TransducerArray) -> None:
     assert image is not None
     assert float(image.max()) == pytest.approx(felt.intensity.max())
     assert int((~np.ma.getmaskarray(image)).sum()) == len(felt.intensity)
+
+
+def test_the_picture_of_a_felt_map_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    felt = felt_by(50.0, 0.02)
+    saved: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: (saved.append(figure), Path(path).touch()))
+    save_felt_picture(tmp_path / "felt.png", felt, "A circle of 4 cm")
+    assert faults_of(saved[0], LANDSCAPE) == []
+    _, spectrum = saved[0].axes[:2]
+    (stems,) = (each for each in spectrum.collections if each.get_label() == "vibration")
+    shown = np.array([segment[:, [0, 1]][1] for segment in stems.get_segments()])
+    sizes = 1e6 * np.abs(felt.spectra[:, felt.strongest])
+    kept = sizes > 1e-3 * sizes.max()
+    np.testing.assert_allclose(shown, np.stack([felt.frequencies, sizes], axis=1)[kept])
 
 
 def test_silence_is_not_felt(array: TransducerArray) -> None:
