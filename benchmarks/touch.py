@@ -1,12 +1,15 @@
 """How soon a hand's pose is on its way to the device, a thousand times a second, and whether memory stays flat.
 
-``python benchmarks/touch.py`` takes seconds; ``--minutes 10`` is the soak. A hand sweeps through the paper's cube and
+``python benchmarks/touch.py`` takes a minute; ``--minutes 10`` is the soak. A hand sweeps through the paper's cube and
 through a sphere of 81 920 faces; the loop is the whole one, with pyusb; only the bus is a null bus, which takes each
 block and acknowledges it at once, by the wall clock. So the host's part alone is measured.
 
-The latency is from the time stamp of a hand to the moment at which pyusb hands its block to the bus. Time stamps are
-those at which frames are due, so that the latency includes how late the computer wakes up. Processor time begins when
-the frame is handed to the loop, and does not count what other programs took.
+The latency is from the time stamp of a hand to the moment at which pyusb hands to the bus the block that lets its field
+play. Time stamps are those at which frames are due, so that the latency includes how late the computer wakes up.
+Processor time begins when the frame is handed to the loop, and does not count what other programs took.
+
+Other ways of rendering follow, on the cube: the same, and the part of lines and device, by the clock of an emulated
+device, which stands still while the host works: from the time stamp to the first carrier period of a pose.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ import json
 import struct
 import time
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -32,9 +35,9 @@ from phasewire.host.hands.placing import PlacedHands
 from phasewire.host.hands.sources import open_hands
 from phasewire.host.playing.device import Device
 from phasewire.host.touching.latency import Latencies
-from phasewire.host.touching.loop import TouchLoop
-from phasewire.protocol.board import TICK_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import AckFlag, Reason, Request, State
+from phasewire.host.touching.loop import TouchLoop, TouchMoment
+from phasewire.protocol.board import CARRIER_HZ, TICK_HZ, TICKS_PER_PERIOD
+from phasewire.protocol.codes import AckFlag, Kind, Reason, Request, State
 from phasewire.protocol.replies import Ack, Status
 from phasewire.solver.contact.touch import Toucher
 
@@ -43,6 +46,10 @@ WARM_UP_SECONDS = 2.0
 EFFECT_PERIODS = 4
 """After which an update for as soon as possible begins."""
 PAGE_BYTES = 4096
+SQUARE = "two-sided:envelope=square"
+WAYS = (SQUARE, "am", "two-sided", "lm", "stm")
+LINES = {"USB": "", "UART, 3 Mbaud": "?door=serial&baud=3000000", "UART, 115 200 baud": "?door=serial&baud=115200"}
+PLAYING = (Kind.UPDATE, Kind.SEQUENCE)
 GOALS = {"median_seconds": 0.5e-3, "p99_seconds": 1e-3}
 
 
@@ -52,7 +59,7 @@ class NullBus:
     Attributes
     ----------
     latency, processor : Latencies
-        Of the first block after each frame, from the frame to here.
+        Of the first block after each frame that plays something, from the frame to here.
     """
 
     def __init__(self, status: Status) -> None:
@@ -71,7 +78,7 @@ class NullBus:
 
     def write(self, _handle: Any, _endpoint: int, _interface: int, data: Any, _timeout: int) -> int:
         """Take a block."""
-        if self.begun is not None:
+        if self.begun is not None and data[3] in PLAYING:
             stamp, processor = self.begun
             self.begun = None
             self.latency.add(time.monotonic() - stamp)
@@ -130,7 +137,7 @@ def resident_bytes() -> int:
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE_BYTES
 
 
-def swept(name: str, mesh: Mesh, method: str, seconds: float) -> dict[str, Any]:
+def swept(name: str, mesh: Mesh, method: str, seconds: float, render: str = SQUARE) -> dict[str, Any]:
     """Let a hand sweep through an object for so many seconds; what came of it."""
     with null_bus() as (device, bus), Timed(open_hands(f"gesture:sweep?rate={RATE}", time)) as source:
         source.bus = bus
@@ -145,13 +152,14 @@ def swept(name: str, mesh: Mesh, method: str, seconds: float) -> dict[str, Any]:
             if not memory or perf_counter() - memory[-1][0] > max(seconds / 20, 1):
                 memory.append((perf_counter(), resident_bytes()))
 
-        loop = TouchLoop(device, source, [mesh], Toucher(), TransducerArray.grid(), method=method)
+        loop = TouchLoop(device, source, [mesh], Toucher(), TransducerArray.grid(), method=method, render=render)
         report = loop.run(WARM_UP_SECONDS + seconds, look)
         memory.append((perf_counter(), resident_bytes()))
         return {
             "object": name,
             "faces": len(mesh.faces),
             "method": method,
+            "render": render,
             "seconds": seconds,
             "latency": asdict(bus.latency.summary),
             "processor": asdict(bus.processor.summary),
@@ -159,6 +167,30 @@ def swept(name: str, mesh: Mesh, method: str, seconds: float) -> dict[str, Any]:
             "growth_bytes": memory[-1][1] - memory[0][1],
             "report": report.record(),
         }
+
+
+def line_and_device(render: str, line: str, seconds: float = 1.0) -> dict[str, Any]:
+    """Seconds from time stamps to the first periods of their poses, by an emulated device's clock."""
+    passed, begins = Latencies(), [0]
+    with Emulator() as emulator, open_device(emulator.url + line) as device:
+
+        def noted(call: Callable[..., Ack]) -> Callable[..., Ack]:
+            def noting(*arguments: Any, **options: Any) -> Ack:
+                ack = call(*arguments, **options)
+                begins.append(ack.commit_period)
+                return ack
+
+            return noting
+
+        def look(moment: TouchMoment) -> None:
+            if moment.cycle is not None:
+                passed.add(begins[-1] / CARRIER_HZ - moment.time)
+
+        hands = PlacedHands(open_hands("gesture:approach?rate=100&seconds=2", device.time))
+        loop = TouchLoop(device, hands, [Mesh.cube()], Toucher(), TransducerArray.grid(), render=render, on_moment=look)
+        with patch.object(device, "show", noted(device.show)), patch.object(device, "play", noted(device.play)):
+            loop.run(seconds)
+    return asdict(passed.summary)
 
 
 def objects() -> dict[str, Mesh]:
@@ -190,6 +222,16 @@ def main() -> None:
             print(f"{what:36}{figures}" + (rest + growth if key == "latency" else ""))
         met = all(row["processor"][each] < goal for each, goal in GOALS.items())
         print(f"  {'meets' if met else 'MISSES'} 0.5 ms median and 1 ms at 99 %, in processor time")
+    print("\nIn each way: host alone, then lines and device alone, median and 99 % in ms")
+    print(f"{'':28}{'host':>16}{'its processor':>16}" + "".join(f"{line:>22}" for line in LINES))
+    for way in WAYS:
+        row = swept("cube", Mesh.cube(), arguments.method, arguments.minutes * 60, way)
+        row["lines"] = {name: line_and_device(way, line) for name, line in LINES.items()}
+        rows.append(row)
+        shown = [row["latency"], row["processor"], *row["lines"].values()]
+        widths = (16, 16, *[22] * len(LINES))
+        texts = [f"{each['median_seconds'] * 1e3:.2f} {each['p99_seconds'] * 1e3:.2f}" for each in shown]
+        print(f"{way:28}" + "".join(f"{text:>{width}}" for text, width in zip(texts, widths, strict=True)))
     if arguments.json:
         arguments.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
 

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cache
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...protocol.board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
-from ...protocol.pulses import Pulses
-from ...protocol.quantise import PulseFrames, quantise
+from ...protocol.quantise import PulseFrames
 from ...solver import ControlPoints, TransducerArray
 from ...solver.rendering.outline import Outline
 from ...solver.rendering.renderer import Renderer
 from ...solver.rendering.ways import Amplitude, Halves, Way
 from ..playing.calibration import Calibration
+from ..playing.limiting import Limit, pulses_within
 from .fading import Fading
 
-__all__ = ["Limit", "PoseSolver", "PulseCycle"]
-
-Limit: TypeAlias = Callable[[NDArray[np.complexfloating[Any, Any]]], float]
-"""The factor, at most 1, by which what transducers emit for a pose, (k, n) complex, must be turned down."""
-
-TURN_DOWN = 0.97
-"""The largest factor by which drives are turned down: a smaller change may be lost in whole ticks."""
+__all__ = ["PoseSolver", "PulseCycle"]
 
 
 class PulseCycle(NamedTuple):
@@ -60,7 +52,7 @@ class PoseSolver:
     calibration : Calibration, optional
         Of the device.
     limit : callable, optional
-        Turns down a pose; see `Limit`.
+        Turns down a pose; see `limiting.Limit`.
     """
 
     def __init__(
@@ -97,30 +89,10 @@ class PoseSolver:
         drives = cycle.drives * np.float32(fading.levels.max())
         if self.gains is not None:
             drives *= self.gains
-        return PulseCycle(self._pulses(drives), cycle.hold, cycle.envelope)
-
-    def _pulses(self, drives: NDArray[np.complexfloating]) -> PulseFrames:
-        """The pulses of drives, turned down until what is emitted, in whole ticks, keeps the limit."""
-        gain = 1.0
-        while True:
-            wanted = drives if gain == 1 else drives * np.float32(gain)
-            pulses = quantise(wanted if self._calibration is None else self._calibration.apply(wanted))
-            if self._limit is None or (factor := self._limit(self._emission(pulses))) >= 1:
-                self.least_gain = min(self.least_gain, gain)
-                return pulses
-            gain *= min(factor, TURN_DOWN)
-
-    def _emission(self, pulses: PulseFrames) -> NDArray[np.complexfloating]:
-        emitted: NDArray[np.complexfloating] = _drives()[pulses.phase, pulses.width]
-        return emitted if self._calibration is None else emitted * self._calibration.response
+        pulses, gain = pulses_within(drives, self._calibration, self._limit)
+        self.least_gain = min(self.least_gain, gain)
+        return PulseCycle(pulses, cycle.hold, cycle.envelope)
 
     def forget(self) -> None:
         """Begin the next pose from scratch."""
         self._renderer.forget()
-
-
-@cache
-def _drives() -> NDArray[np.complex64]:
-    """The drive of each pulse, by its phase and its width."""
-    phase, width = np.indices((HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS + 1))
-    return Pulses(phase.ravel(), width.ravel()).to_drive().reshape(phase.shape).astype(np.complex64)

@@ -36,9 +36,10 @@ from ...solver.shapes.points import reachable
 from ..hands.frames import HandFrame
 from ..hands.sources import HandSource
 from ..playing.device import Device
+from ..playing.limiting import Limit
 from ..playing.session import WATCHDOG_BLOCKS
 from .fading import Fading
-from .fields import Limit, PoseSolver, PulseCycle
+from .fields import PoseSolver, PulseCycle
 from .prediction import Predictor
 from .report import TouchReport
 from .tally import Tally
@@ -138,7 +139,7 @@ class TouchLoop:
     rate : float, optional
         Frames per second that are taken at most; all by default.
     limit : callable, optional
-        Turns down a pose, such as for people's ears; see `fields.Limit`.
+        Turns down a pose, such as for people's ears; see `limiting.Limit`.
     on_moment : callable, optional
         Is called with the `TouchMoment` of each frame, after its field was sent.
 

@@ -284,8 +284,10 @@ class StoredTurns(_Clocked):
         super().__init__(device, block_periods, watchdog)
         self._pace(BLOCKS_BESIDE + 2)
         self._stops, self._set, self._envelope = device.stops, 0, 0.0
+        self._begins = 0, 0
+        """Periods from which the last two cycles play."""
         self._request = self._clock.longest * CARRIER_HZ
-        """Carrier periods of a request and its answer."""
+        """Carrier periods of a request and its answer, and so more than the error of the device's time."""
 
     def _pace(self, blocks: int) -> None:
         self.pace = max(MOST_PACE_PERIODS, blocks * self._block_periods) / CARRIER_HZ
@@ -303,16 +305,19 @@ class StoredTurns(_Clocked):
 
     def show(self, cycle: PulseCycle) -> bool:
         """Store a cycle beside the one that plays, and go on with it as soon as it is there."""
+        waits = self._begins[0] + self._request - self._now()  # until then the oldest set plays, and for certain
+        self._device.time.sleep(max(waits, 0.0) / CARRIER_HZ)
         slots, longest = self._store(cycle)
         if self._device.stops != self._stops:  # what follows would enable the outputs again
             raise DeviceRefusedError(f"{self._device.name} has turned its outputs off: it was stopped", Reason.DISABLED)
         self._modulate(cycle.envelope)
         before = self._device.time.monotonic()
         lead = LEAST_LEAD_PERIODS + RESERVE_PERIODS + BLOCKS_BESIDE * (longest + self._request)
-        begins = ceil(self._now() + lead)
+        begins = max(ceil(self._now() + lead), self._begins[1] + 1)
         passed = _passed(self.alternation, begins, cycle.periods)
         self.alternation = Alternation(cycle.hold, begins - passed, len(slots))
         ack = self._device.play(_rotated(slots, cycle.hold, passed), period=begins)
+        self._begins = self._begins[1], ack.commit_period or begins
         blocks = len(set(slots)) + BLOCKS_BESIDE
         self._count(before, ack, blocks)
         self._pace(blocks)

@@ -95,10 +95,11 @@ def test_a_recording_is_shown_without_a_device(tmp_path: Path) -> None:
     ("arguments", "code"),
     [
         (("touch", "cube", "--hand", "gesture:sweep"), 4),
+        (("touch", "cube", "--hand", "gesture:sweep", "--render", "stm"), 4),
         (("play", "circle", "--forever"), 4),
         (("stream", "circle", "--spin", "1", "--forever"), 4),
     ],
-    ids=["touch", "play", "stream"],
+    ids=["touch", "touch in another way", "play", "stream"],
 )
 @pytest.mark.slow
 def test_a_command_is_watched_and_stopped_by_its_page(arguments: tuple[str, ...], code: int) -> None:

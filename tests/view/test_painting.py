@@ -78,6 +78,19 @@ def test_what_is_felt_is_the_component_at_the_frequency_of_the_turns() -> None:
     np.testing.assert_allclose(image.levels * (scale["largest"] / 255), wanted, atol=1.05 * scale["largest"] / 255)
 
 
+def test_of_many_fields_the_strongest_frequency_is_felt() -> None:
+    """Against the solver's own sum, as above, for an intensity with two periods in a cycle."""
+    steps = np.abs(np.cos(2 * np.pi * (np.arange(12) + 0.5) / 12))
+    drives = steps[:, None] * DRIVE + 0.2 * OTHER
+    drives /= np.abs(drives).max()
+    [image], scale = paint(Snapshot(drives), quantity="felt", xy_at=0.17)
+    modulation = Modulation(drives, np.eye(12), 100.0)
+    at = places(image).reshape(-1, 3)
+    component = np.max([intensity_component(ARRAY, modulation, at, harmonic) for harmonic in range(1, 7)], axis=0)
+    wanted = (component * float(intensity(1.0))).reshape(image.levels.shape)
+    np.testing.assert_allclose(image.levels * (scale["largest"] / 255), wanted, atol=1.05 * scale["largest"] / 255)
+
+
 def test_one_field_alone_changes_nothing_that_is_felt() -> None:
     [image], _ = paint(Snapshot(DRIVE[None]), quantity="felt")
     assert not image.levels.any()

@@ -217,6 +217,21 @@ def test_cycles_are_played_in_order_and_keep_their_phase_over_poses(count: int, 
         assert pose % 20 == poses[now + 40 - first], "each plays within a millisecond of its last block"
 
 
+@pytest.mark.parametrize("count", [2, 24])
+def test_poses_one_right_after_the_other_wait_for_free_slots(count: int) -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        turns = StoredTurns(device, 1, WATCHDOG)
+        turns.show(numbered(0, count, 100))
+        first = device.status().period + 40
+        for pose in range(1, 12):
+            turns.show(numbered(pose, count, 100))
+        kept(device, turns, 0.005)
+        last = device.status().period - 10
+        assert turns.late == 0
+    np.testing.assert_array_equal(played(emulator, first, last), np.arange(first, last) // 100 % count + 1)
+    assert played(emulator, last - 1, last, 1) == 12
+
+
 @given(st.lists(st.tuples(st.integers(2, 24), st.integers(1, 60)), min_size=2, max_size=8))
 @settings(max_examples=25, deadline=None)
 def test_a_cycle_of_another_length_begins_where_the_share_of_the_cycle_is_the_same(
