@@ -106,17 +106,15 @@ def feel(
 
 
 def _print(out: Console, found: dict[str, Any]) -> None:
-    """A table of all ways."""
+    """A table of all ways: intensity over the threshold, share of skin, what is heard, ultrasound, power."""
     table = Table(
         "way",
-        *(Column(header, justify="right") for header in ("cycle / Hz", "felt / threshold", "skin / %")),
-        *(Column(header, justify="right") for header in ("heard / dB(A)", "ultrasound / dB SPL", "power / W")),
+        *(Column(header, justify="right") for header in ("felt, ×", "skin, %", "dB(A)", "dB SPL", "W")),
     )
     for name, sensed in found.items():
         row = _record(sensed)
         table.add_row(
             name,
-            f"{row['cycle_hz']:.1f}",
             f"{row['strongest_over_threshold']:.1f}",
             f"{row['felt_share'] * 100:.0f}",
             f"{row['heard_dba']:.0f}",

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from ..host.touching.fields import Limit
+from ..host.playing.limiting import SHORTEST_PULSE, Limit
 from ..signals import loading
 from ..solver import TransducerArray
 from ..solver.geometry import as_points
 from ..solver.shapes.point_files import POINT_FILES
 from ..solver.shapes.shapes import read_vertices
 
-__all__ = ["ListenersOption", "MaxExposureOption", "limiter", "load_listeners"]
+__all__ = ["ListenersOption", "MaxExposureOption", "kept", "limiter", "load_listeners"]
 
 ListenersOption = Annotated[
     str | None,
@@ -65,3 +66,14 @@ def limiter(array: TransducerArray, max_exposure: float | None, listeners: str |
     with loading():
         from ..feel.exposure import exposure_limit
     return exposure_limit(array, load_listeners(listeners), max_exposure)
+
+
+def kept(limit_db: float, least_gain: float) -> str:
+    """A line for people: what a limit of exposure has cost."""
+    done = f"At the listeners {limit_db:g} dB SPL were kept"
+    if least_gain == 1:
+        return f"{done}, at full drive."
+    down = f"{done}; drives were turned down by up to {-20 * math.log10(least_gain):.0f} dB."
+    if least_gain < SHORTEST_PULSE / 2:
+        down += " From 30 dB on outputs are silent, because pulses are whole ticks."
+    return down

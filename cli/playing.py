@@ -22,7 +22,7 @@ from ..host.lines.opening import DEFAULT_URL
 from ..host.playing.cycles import play_cycle
 from ..host.playing.device import Device, open_device
 from ..host.playing.envelopes import sine
-from ..host.playing.frames import LoopedFrames, beginning, differences, to_pulses
+from ..host.playing.frames import LoopedFrames, beginning, differences, limited_frames, to_pulses
 from ..host.playing.recording import SUFFIX, record
 from ..host.playing.streaming import LOOK_AHEAD_SECONDS, StreamReport
 from ..protocol.board import CARRIER_HZ
@@ -33,6 +33,7 @@ from ..solver.methods.methods import METHODS
 from ..solver.shapes.point_files import POINT_FILES
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, given, write_json
+from .listening import ListenersOption, MaxExposureOption, kept, limiter
 from .options import (
     MOST_SECONDS,
     CalibrationOption,
@@ -235,6 +236,8 @@ def stream(
         float, typer.Option(metavar="HZ", help="Frequency at which the device modulates the frames, or 0 for none.")
     ] = TACTILE_HZ,
     render: RenderOption = None,
+    max_exposure: MaxExposureOption = None,
+    listeners: ListenersOption = None,
     look_ahead: Annotated[
         float, typer.Option(min=0, help="How long before its time a frame is sent, in s.")
     ] = LOOK_AHEAD_SECONDS,
@@ -261,13 +264,16 @@ def stream(
             check_fit(source, what, opened.info)
             warn_of_differences(source, what.array, what.medium, opened.info)
             transducers = array_of(opened.info, own)
+            limit = limiter(transducers, max_exposure, listeners)
             if render is None:
                 pace = rate or what.rate or RATE
                 frames = frames_of(what, transducers, method, spin, pace)
+                if limit is not None:
+                    frames = limited_frames(frames, opened.calibration, limit)
             else:
                 cycle = Renderer(transducers, render, method).render(read_outline(source))
                 pace = rate or CARRIER_HZ / cycle.hold
-                frames = LoopedFrames(cycle, pace, opened.calibration)
+                frames = LoopedFrames(cycle, pace, opened.calibration, limit=limit)
                 envelope = sine(cycle.envelope) if cycle.envelope else None
             most = None if forever else frames_in(what, seconds, pace)
             if most is not None:
@@ -328,6 +334,8 @@ def play(
         float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points alternate.")
     ] = TACTILE_HZ,
     render: RenderOption = None,
+    max_exposure: MaxExposureOption = None,
+    listeners: ListenersOption = None,
     method: MethodOption = "wgs",
     array: ArrayOption = None,
     calibration: CalibrationOption = None,
@@ -353,7 +361,8 @@ def play(
         way = render or f"{SQUARE},frequency={modulation}"
         cycle = Renderer(transducers, way, method, most_frames=opened.info.slots).render(outline)
         watch = stack.enter_context(watching(opened, transducers, emulator, wanted=view))
-        ack, steps = play_cycle(opened, cycle, unattended=unattended)
+        limit = limiter(transducers, max_exposure, listeners)
+        ack, steps, gain = play_cycle(opened, cycle, unattended=unattended, limit=limit)
         turn = sum(periods for _, periods in steps)
         stop = command_for("stop", device)
         until = f"until {stop}" if unattended else "until Ctrl-C" if forever else f"for {seconds:g} s"
@@ -375,6 +384,8 @@ def play(
         said = "It would play on, but it ends with this command."
     else:
         said = f"It plays on until {stop}."
+    if max_exposure is not None:
+        console_for(json_target).print(kept(max_exposure, gain))
     console_for(json_target).print(said)
     write_json(
         json_target,
@@ -382,6 +393,7 @@ def play(
             "format": "phasewire-play-1",
             "device": opened.name,
             "commit_period": ack.commit_period,
+            "exposure_gain": gain,
             "steps": [list(step) for step in steps],
             "status": plain(status),
         },
@@ -407,6 +419,8 @@ def record_command(
     method: MethodOption = "tikhonov",
     spin: SpinOption = 0.0,
     render: RenderOption = None,
+    max_exposure: MaxExposureOption = None,
+    listeners: ListenersOption = None,
     array: ArrayOption = None,
     calibration: CalibrationOption = None,
     json_target: JsonOption = None,
@@ -420,9 +434,12 @@ def record_command(
         check_options(context, source, what)
         used = what.array or own or TransducerArray.grid()
         corrected = load_calibration(calibration) if what.holds_drives else what.calibration
+        limit = limiter(used, max_exposure, listeners)
         if render is None:
             pace = rate or what.rate or RATE
             frames = frames_of(what, used, method, spin, pace)
+            if limit is not None:
+                frames = limited_frames(frames, corrected, limit)
         else:
             check_render(context, "spin")
             cycle = Renderer(used, render, method).render(read_outline(source))
@@ -432,7 +449,7 @@ def record_command(
                     "modulation out, and give --modulation to `phasewire stream`"
                 )
             pace = rate or CARRIER_HZ / cycle.hold
-            frames = LoopedFrames(cycle, pace, corrected)
+            frames = LoopedFrames(cycle, pace, corrected, limit=limit)
         most = frames_in(what, seconds, pace)
         written = record(
             output,

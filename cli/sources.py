@@ -50,6 +50,7 @@ ARCHIVE = ".npz"
 HEEDED: dict[str, tuple[tuple[type, ...], str]] = {
     "spin": ((ControlPoints,), "only a shape or a file of points can turn"),
     "render": ((ControlPoints,), "only a shape or a file of points is rendered"),
+    "max_exposure": ((ControlPoints, Iterator, Solution, np.ndarray), "it holds pulses, which are played unchanged"),
     "method": ((ControlPoints, Iterator), "only points are solved for"),
     "array": ((ControlPoints, Iterator), "its frames are solved already"),
     "calibration": ((ControlPoints, Iterator, Solution, np.ndarray), "it holds pulses, which are played unchanged"),
@@ -220,4 +221,4 @@ def check_options(context: typer.Context, name: str, source: Source) -> None:
     """Raise `ValueError` if an option of the command line has no effect on the content of a source of this name."""
     for option, (kinds, why) in HEEDED.items():
         if given(context, option) and not isinstance(source.content, kinds):
-            raise ValueError(f"--{option} has no effect on {name}: {why}")
+            raise ValueError(f"--{option.replace('_', '-')} has no effect on {name}: {why}")

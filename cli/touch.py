@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.control import Control
@@ -22,26 +21,24 @@ from ..host.hands.pose import Pose
 from ..host.hands.sources import HandSource, files_of, open_hands
 from ..host.lines.opening import DEFAULT_URL
 from ..host.playing.device import Device, open_device
-from ..host.touching.fields import Limit
 from ..host.touching.log import TouchLog, log_path
 from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop, TouchMoment
 from ..host.touching.report import TouchReport
 from ..pictures import check_picture_path, save_figure
-from ..protocol.board import TICKS_PER_PERIOD
 from ..protocol.plain import plain
 from ..protocol.replies import Status
 from ..signals import loading
-from ..solver import METHODS, Medium, TransducerArray
+from ..solver import METHODS, TransducerArray
 from ..solver.contact.mesh import Mesh
 from ..solver.contact.solids import SOLIDS
 from ..solver.contact.touch import LEAST_SPACING, MOST_POINTS, Toucher
-from ..solver.fields.quantities import sound_pressure_level
 from ..solver.methods.modulation import FREQUENCY
 from ..solver.objects.parsing import MovingObject, object_help, object_name, parse_object
 from ..solver.shapes.curves import SPACING
 from ..solver.shapes.points import MAX_POINTS
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
+from .listening import ListenersOption, MaxExposureOption, kept, limiter
 from .options import (
     MOST_SECONDS,
     CalibrationOption,
@@ -58,8 +55,6 @@ __all__ = ["commands", "read_objects", "warn_of_notes"]
 
 commands = typer.Typer(rich_markup_mode=None)
 
-SHORTEST_PULSE = math.sin(math.pi / TICKS_PER_PERIOD)
-"""Of one tick, as a drive."""
 BACK = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
 HANDS = "gesture:sweep"
 
@@ -162,14 +157,8 @@ def touch(
         float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points alternate.")
     ] = FREQUENCY,
     render: RenderOption = None,
-    max_exposure: Annotated[
-        float | None,
-        typer.Option(
-            metavar="DB",
-            help="Turn the drive down so that this level is kept at the head of a person who sits at the array, in dB "
-            "re 20 µPa rms; published limits are 100 (the public) and 110 (at work).",
-        ),
-    ] = None,
+    max_exposure: MaxExposureOption = None,
+    listeners: ListenersOption = None,
     rate: Annotated[
         float | None, typer.Option(min=1e-3, help="Frames of hands per second at most; by default all that come.")
     ] = None,
@@ -243,7 +232,7 @@ def touch(
             predict=predict,
             most_points=points,
             rate=rate,
-            limit=None if max_exposure is None else _limit_of(transducers, max_exposure),
+            limit=limiter(transducers, max_exposure, listeners),
             on_moment=partial(_each, seen),
         )
         with error_console().status("loading"):
@@ -267,7 +256,7 @@ def touch(
             meter.end()
             _tell(out, meter.last, default=render is None)
         if max_exposure is not None:
-            out.print(_kept(max_exposure, meter.last.least_gain))
+            out.print(kept(max_exposure, meter.last.least_gain))
         final = _final(opened, failure)
         said = "" if ended is None else f"Ended: {ended}. "
         out.print(f"{said}The outputs are off." if final else "The device's watchdog turns the outputs off.")
@@ -356,30 +345,6 @@ def _tell(out: Console, report: TouchReport, *, default: bool) -> None:
             "The line is too slow for a block in each turn: the device took the turns from its memory, and the line "
             "limited how often a new pose was played."
         )
-
-
-def _limit_of(array: TransducerArray, limit_db: float) -> Limit:
-    """Keeps a level, in dB re 20 µPa rms, at the head of a person who sits at an array."""
-    if not math.isfinite(limit_db):
-        raise ValueError(f"an exposure limit of {limit_db} dB must be finite, such as 110")
-    with loading():
-        from ..feel.arriving import responses
-        from ..feel.exposure import seated
-
-    matrix = responses(array, seated(array), Medium()).T
-    relative = (matrix * 10 ** ((sound_pressure_level(1.0) - limit_db) / 20)).astype(np.complex64)  # 1 is at the limit
-    return lambda drives: 1 / max(1.0, float(np.abs(drives @ relative).max()))
-
-
-def _kept(limit_db: float, least_gain: float) -> str:
-    """What a limit of exposure has cost."""
-    kept = f"At the head of a person who sits at the array {limit_db:g} dB were kept"
-    if least_gain == 1:
-        return f"{kept}, at full drive."
-    down = f"{kept}; drives were turned down by up to {-20 * math.log10(least_gain):.0f} dB."
-    if least_gain < SHORTEST_PULSE / 2:
-        down += " From 30 dB on outputs are silent, because pulses are whole ticks."
-    return down
 
 
 def _draw(array: TransducerArray, path: Path, moment: TouchMoment) -> None:

@@ -96,8 +96,7 @@ def sense(
     periods, every = _stretch(cycle.periods)
     with Emulator() as emulator, open_device(emulator.url) as device:
         device.set_watchdog(60.0)
-        ack, _ = play_cycle(device, cycle)
-        first = ack.commit_period + SETTLED_PERIODS
+        first = play_cycle(device, cycle).ack.commit_period + SETTLED_PERIODS
         emulator.run_until(first + periods)
         emitted = emitted_waves(emulator.capture(), array, first, first + periods)
     felt = feel(array, emitted.waves, places, medium, every=every)

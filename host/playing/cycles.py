@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ...protocol.replies import Ack
 from ...solver import Cycle
 from .device import Device
 from .envelopes import sine
+from .limiting import Limit, pulses_within
 
-__all__ = ["play_cycle"]
+__all__ = ["PlayedCycle", "play_cycle"]
 
 
-def play_cycle(device: Device, cycle: Cycle, *, unattended: bool = False) -> tuple[Ack, tuple[tuple[int, int], ...]]:
+class PlayedCycle(NamedTuple):
+    """A cycle that a device repeats."""
+
+    ack: Ack
+    """The answer to the sequence."""
+    steps: tuple[tuple[int, int], ...]
+    """A slot, and for how many carrier periods."""
+    gain: float
+    """The factor by which a limit has turned the drives down, 1 for not at all."""
+
+
+def play_cycle(device: Device, cycle: Cycle, *, unattended: bool = False, limit: Limit | None = None) -> PlayedCycle:
     """Store a cycle's frames in a device, which then repeats them; its `envelope` becomes the device's modulation.
 
     Parameters
@@ -21,13 +35,8 @@ def play_cycle(device: Device, cycle: Cycle, *, unattended: bool = False) -> tup
         At most as many different frames as the device has slots.
     unattended : bool
         Whether it goes on when the host falls silent.
-
-    Returns
-    -------
-    Ack
-        The answer to the sequence.
-    tuple of (int, int)
-        Its steps: a slot, and for how many carrier periods.
+    limit : callable, optional
+        That what is emitted must keep.
 
     Raises
     ------
@@ -37,8 +46,9 @@ def play_cycle(device: Device, cycle: Cycle, *, unattended: bool = False) -> tup
         If the device refuses it.
     """
     frames, steps = cycle.slots()
-    for slot, frame in enumerate(frames):
-        device.store(slot, frame)
+    pulses, gain = pulses_within(frames, device.calibration, limit)
+    for slot in range(len(frames)):
+        device.store(slot, pulses.pulses(slot))
     if cycle.envelope:
         device.modulate(*sine(cycle.envelope))
-    return device.play(steps, unattended=unattended), steps
+    return PlayedCycle(device.play(steps, unattended=unattended), steps, gain)

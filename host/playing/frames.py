@@ -20,6 +20,7 @@ from ...protocol.quantise import PulseFrames, check_pulses, quantise
 from ...protocol.replies import Info
 from ...solver import ControlPoints, Cycle, Medium, Solution, Solver, TransducerArray
 from .calibration import Calibration
+from .limiting import Limit, pulses_within
 
 __all__ = [
     "Frame",
@@ -32,6 +33,7 @@ __all__ = [
     "check_rate",
     "differences",
     "frame_source",
+    "limited_frames",
     "solved",
     "to_pulses",
 ]
@@ -94,6 +96,13 @@ class LoopedFrames:
         Of the device, applied to the drives.
     frames : int
         After which it ends.
+    limit : callable, optional
+        That what is emitted must keep.
+
+    Attributes
+    ----------
+    gain : float
+        The factor by which the limit has turned the drives down.
 
     Raises
     ------
@@ -102,9 +111,15 @@ class LoopedFrames:
     """
 
     def __init__(
-        self, cycle: Cycle, rate: float, calibration: Calibration | None = None, frames: int = sys.maxsize
+        self,
+        cycle: Cycle,
+        rate: float,
+        calibration: Calibration | None = None,
+        frames: int = sys.maxsize,
+        limit: Limit | None = None,
     ) -> None:
-        self._pulses, self._frames = _quantised(cycle.drives, calibration, 0), frames
+        self._pulses, self.gain = pulses_within(cycle.drives, calibration, limit)
+        self._frames = frames
         self._cycle_frames_per_frame = cycle.carrier / rate / cycle.hold
 
     @property
@@ -166,6 +181,27 @@ def to_pulses(frame: Frame, calibration: Calibration | None, channels: int) -> P
         return frame
     drive = _drive(frame, calibration, channels)
     return Pulses.from_drive(drive if calibration is None else calibration.apply(drive))
+
+
+def limited_frames(frames: Frames, calibration: Calibration | None, limit: Limit) -> Iterator[Pulses]:
+    """The pulses of frames of drives, turned down so far that each keeps a limit; once down, they stay down.
+
+    Raises
+    ------
+    ValueError
+        If the frames hold pulses, or as `to_pulses`; the frame is named.
+    """
+    if isinstance(frames, PulseFrames | StoredFrames):
+        raise ValueError("frames that hold pulses are played unchanged; no limit can turn them down")
+    gain = 1.0
+    for number, frame in enumerate(frames):
+        try:
+            drive = np.asarray(frame.drive if isinstance(frame, Solution) else frame)
+            pulses, factor = pulses_within(drive[None] * np.float32(gain), calibration, limit)
+        except ValueError as error:
+            raise ValueError(f"frame {number}: {error}") from error
+        gain *= factor
+        yield pulses.pulses(0)
 
 
 def solved(points: Iterable[ControlPoints], solver: Solver) -> Iterator[Solution]:

@@ -11,10 +11,21 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire import Circle, ControlPoints, Emulator, Medium, TransducerArray, render, solve
+from phasewire import (
+    Circle,
+    ControlPoints,
+    Emulator,
+    Medium,
+    Pulses,
+    TransducerArray,
+    render,
+    solve,
+    sound_pressure_level,
+)
 from phasewire.emulator import faults
 from phasewire.host import Calibration, Recording, record
 from phasewire.protocol.quantise import PulseFrames, quantise
+from phasewire.solver import transfer_matrix
 from phasewire.solver.fields.files import save_solution
 
 from .runner import Run
@@ -187,6 +198,8 @@ USELESS = [
     "stream circle --render stm --spin 1",
     "record circle -o x.frames --render am --spin 1",
     "play circle --render am --modulation 100",
+    "play circle --listeners 0:0:1",
+    "stream slow.frames --max-exposure 100",
     "play circle --unattended --seconds 2",
     "play circle --unattended --forever",
 ]
@@ -242,6 +255,21 @@ def test_a_rendered_recording_holds_its_cycle(phasewire: Run, files: Path, way: 
         read = kept.read(0, len(kept))
         assert (read.phase == wanted.phase[rows]).all()
         assert (read.width == wanted.width[rows]).all()
+
+
+@pytest.mark.parametrize("options", ["", "--render stm", "--render two-sided"])
+def test_an_exposure_is_kept_at_the_listeners(phasewire: Run, files: Path, options: str) -> None:
+    """By the pulses that were recorded: each frame's pressure at the place in its steady state."""
+    place, line = np.array([[0.1, -0.4, 0.4]]), ["circle", "-o", "x.frames", "--seconds", "0.01", *options.split()]
+    loudest = {}
+    for name, limit in (("free", ()), ("kept", ("--max-exposure", "125", "--listeners", "0.1:-0.4:0.4"))):
+        phasewire("record", *line, *limit)
+        with Recording.open(files / "x.frames") as kept:
+            drives = [Pulses(*rows).to_drive() for rows in zip(*kept.read(0, len(kept)), strict=True)]
+        field = np.abs(np.array(drives) @ transfer_matrix(TransducerArray.grid(), place).T)
+        loudest[name] = float(sound_pressure_level(field.max()))
+    assert loudest["free"] > 127
+    assert 120 < loudest["kept"] <= 125
 
 
 def test_a_recording_has_no_room_for_an_envelope(phasewire: Run, files: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 import trimesh
 from phasewire import Calibration, Emulator, Mesh, TransducerArray
 from phasewire.emulator import faults
-from phasewire.feel.exposure import exposure_gain
+from phasewire.feel.exposure import exposure_limit
 from phasewire.host.hands.frames import HandFrame
 from phasewire.host.hands.recording import HandRecording
 from phasewire.host.hands.sources import PlayedHands
@@ -158,7 +158,7 @@ def test_the_exposure_of_a_sitting_person_is_limited(
     monkeypatch.setattr(TouchLoop, "_take", noted)
     outcome = touch("cube", *SHORT, *options, "--max-exposure", "120", "--json", "t.json")
     assert outcome.code == 0
-    assert "120 dB were kept; drives were turned down by up to" in outcome.out
+    assert "120 dB SPL were kept; drives were turned down by up to" in outcome.out
     told = json.loads(Path("t.json").read_text())
     assert told["max_exposure_db"] == 120
     array = TransducerArray.grid()
@@ -168,8 +168,8 @@ def test_the_exposure_of_a_sitting_person_is_limited(
         if moment.cycle is not None:
             frames = moment.cycle.frames
             drives = np.stack([frames.pulses(number).to_drive() for number in range(len(frames.phase))]) * response
-            assert exposure_gain(array, drives, None, 120.0) > 1 - 1e-6
-            levels.append(exposure_gain(array, drives, None, 100.0))
+            assert exposure_limit(array, None, 120.0)(drives) > 1 - 1e-6
+            levels.append(exposure_limit(array, None, 100.0)(drives))
     assert min(levels) < 0.2, "of 20 dB less than a tenth is left: it is near the limit"
 
 

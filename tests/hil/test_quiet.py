@@ -51,7 +51,7 @@ def repeated(cycle: Cycle) -> tuple[Capture, int]:
     emulator = Emulator()
     with emulator, open_device(emulator.url) as device:
         device.set_watchdog(2.0)
-        ack, _ = play_cycle(device, cycle)
+        ack = play_cycle(device, cycle).ack
         emulator.run_until(ack.commit_period + SETTLED + PERIODS)
     return emulator.capture(), ack.commit_period + SETTLED
 

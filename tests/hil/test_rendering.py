@@ -24,7 +24,7 @@ def played(cycle: Cycle, periods: int) -> tuple[Emulator, int]:
     emulator = Emulator()
     with emulator, open_device(emulator.url) as device:
         device.set_watchdog(1.0)
-        ack, _ = play_cycle(device, cycle)
+        ack = play_cycle(device, cycle).ack
         emulator.run_until(ack.commit_period + periods)
     return emulator, ack.commit_period
 

@@ -16,6 +16,7 @@ from phasewire.host.playing.frames import (
     PulseFrames,
     beginning,
     frame_source,
+    limited_frames,
     solved,
     to_pulses,
 )
@@ -285,3 +286,20 @@ def test_looped_frames_are_those_of_the_cycle(count: int, hold: int, periods: in
     wanted = drained(frame_source(SINGLE[:count], corrected, N), [50])
     assert (found.phase == wanted.phase[expected]).all()
     assert (found.width == wanted.width[expected]).all()
+
+
+def test_limited_frames_keep_their_limit_and_stay_down() -> None:
+    """Judged by the emission of the pulses: no more than so much from all transducers together."""
+
+    def limit(emitted: np.ndarray) -> float:
+        return min(1.0, 2.0 / float(np.abs(emitted).sum(axis=1).max()))
+
+    strong, weak = np.full(N, 1.0 + 0j), np.full(N, 0.2 + 0j)
+    strengths = [float(np.abs(pulses.to_drive()).sum()) for pulses in limited_frames([weak, strong, weak], None, limit)]
+    assert max(strengths) <= 2.0
+    assert strengths[1] > 1.5
+    assert strengths[2] < strengths[0]
+    with pytest.raises(ValueError, match=r"^frame 1: "):
+        list(limited_frames([weak, 3 * strong], None, lambda _emitted: 1.0))
+    with pytest.raises(ValueError, match="hold pulses"):
+        next(limited_frames(FRAMES, None, limit))
