@@ -62,7 +62,7 @@ def study(
     save_figure(draw_study(found), output)
     _tell(out, found)
     limit = chance_at_most(int(found.silent.counts.sum()), len(found.silent.answers), SURE)
-    sound = found.shuffled.accuracy <= limit
+    sound = max(found.silent.accuracy, found.shuffled.accuracy) <= limit
     verdict = "Both controls are" if sound else "NOT SOUND: a control is not"
     out.print(f"{verdict} at chance, at most {limit:.0%} by guessing in {SURE:.1%} of such studies.")
     out.print(f"Drawn to {output} ({perf_counter() - started:.0f} s).")

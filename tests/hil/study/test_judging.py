@@ -57,7 +57,7 @@ def test_chance_is_the_binomials(choices: int) -> None:
 
 def test_a_judge_comes_near_bayes() -> None:
     chance = np.random.default_rng(1)
-    labels = np.repeat(["cube", "sphere"], 300)
+    labels = chance.permutation(np.repeat(["cube", "sphere"], 300))
     features = chance.standard_normal((600, 3))
     features[labels == "cube", 0] += 2
     said = judged(features, labels.tolist(), np.tile(np.arange(3), 200).tolist())
