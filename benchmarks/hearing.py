@@ -16,9 +16,9 @@ import numpy as np
 from medians import median
 from phasewire import Emulator, Pulses, Sphere, TransducerArray, open_device, two_sided
 from phasewire.emulator import Capture
-from phasewire.feel.exposure import SEATED, exposure, seated
+from phasewire.feel.exposure import SEATED, exposure_at, seated
 from phasewire.feel.hearing import PARTS, audible
-from phasewire.feel.power import power
+from phasewire.feel.power import radiated_power
 from phasewire.hil.emission import emitted_waves
 from phasewire.host.playing.frames import Frame
 
@@ -45,7 +45,7 @@ def baseline() -> dict[str, Any]:
     first, capture = played(list(frames), list(steps), CARRIER // 2)
     emitted = emitted_waves(capture, array, first, first + CARRIER // 2)
     heard = audible(array, emitted.waves, emitted.pulses, seated(array))
-    exposed = exposure(array, emitted.waves)
+    exposed = exposure_at(array, emitted.waves)
     places = {
         name: {
             "dBA": round(float(heard.levels_dba[place]), 1),
@@ -60,7 +60,7 @@ def baseline() -> dict[str, Any]:
         }
         for place, name in enumerate(SEATED)
     }
-    return {"places": places, "exposure": str(exposed), "power": str(power(array, emitted.waves))}
+    return {"places": places, "exposure": str(exposed), "power": str(radiated_power(array, emitted.waves))}
 
 
 def times(slots: int) -> dict[str, float]:
@@ -74,8 +74,8 @@ def times(slots: int) -> dict[str, float]:
         "emitted waves": median(lambda: emitted_waves(capture, array, first, first + CARRIER)),
         "audible, 3 places": median(lambda: audible(array, emitted.waves, emitted.pulses, at).levels_dba),
         "audible, 5 places": median(lambda: audible(array, emitted.waves, emitted.pulses, five).levels_dba),
-        "exposure, 3 places": median(lambda: exposure(array, emitted.waves, at)),
-        "exposure, 5 places": median(lambda: exposure(array, emitted.waves, five)),
+        "exposure, 3 places": median(lambda: exposure_at(array, emitted.waves, at)),
+        "exposure, 5 places": median(lambda: exposure_at(array, emitted.waves, five)),
     }
     return seconds | {"all, 5 places": sum(value for name, value in seconds.items() if "3 places" not in name)}
 

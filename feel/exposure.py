@@ -21,7 +21,17 @@ from ..solver.fields.quantities import sound_pressure_level
 from ..solver.geometry import PointsLike, as_places
 from .arriving import arriving, as_waves, behind, responses
 
-__all__ = ["LIMITS", "NOTE", "SEATED", "Exposure", "ExposureLimit", "exposure", "exposure_limit", "scattered", "seated"]
+__all__ = [
+    "LIMITS",
+    "NOTE",
+    "SEATED",
+    "Exposure",
+    "ExposureLimit",
+    "exposure_at",
+    "exposure_limit",
+    "scattered",
+    "seated",
+]
 
 NOTE = (
     "ICNIRP (Health Physics 127(2):326, 2024): the limits of 1984 rest on limited evidence, which may not be "
@@ -110,7 +120,7 @@ class Exposure:
         )
 
 
-def exposure(
+def exposure_at(
     array: TransducerArray, waves: ArrayLike, at: PointsLike | None = None, medium: Medium | None = None
 ) -> Exposure:
     """Levels of ultrasound at places, direct from an array.

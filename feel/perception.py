@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from ..pictures import Drawable
+from ..pictures import MM, Drawable, axes_or_new, colour_bar
 from ..solver.acoustics.array import TransducerArray
 from ..solver.acoustics.medium import Medium, as_medium
 from ..solver.acoustics.propagation import arrivals
@@ -122,10 +122,20 @@ class FeltMap(Drawable):
         )
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
-        """Draw the perceived intensity over the flat skin."""
-        from .pictures import draw_felt
-
-        return draw_felt(ax, self, **style)
+        """Draw the perceived intensity over the flat skin; a line surrounds what is above the threshold."""
+        mask, spacing = self.places.mask, self.places.spacing
+        image = np.full(mask.shape, np.nan)
+        image[mask] = self.intensity
+        rows, columns = mask.shape
+        edges = (0, columns * spacing * MM, 0, rows * spacing * MM)
+        axes, title = axes_or_new(ax), style.pop("title", "Perceived intensity over the skin, laid out flat")
+        look: dict[str, Any] = {"cmap": "inferno", "vmin": 0, "vmax": max(1.0, float(self.intensity.max()))}
+        drawn = axes.imshow(image, origin="lower", extent=edges, interpolation="nearest", **look | style)
+        if self.intensity.min() < 1 < self.intensity.max():
+            axes.contour(np.nan_to_num(image), levels=[1], origin="lower", extent=edges, colors="#7fdfff", linewidths=1)
+        axes.set(title=title, xlabel="across / mm", ylabel="along / mm", facecolor="0.9")
+        colour_bar(axes, drawn, "perceived intensity / threshold", fraction=0.046 * rows / columns, pad=0.02)
+        return axes
 
 
 def _summed(power: NDArray[np.floating], places: SkinPlaces, area: float) -> NDArray[np.float64]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..pictures import LANDSCAPE, MM, axes_or_new, colour_bar, new_figure, printed, save_figure
+from ..pictures import LANDSCAPE, new_figure, printed, save_figure
 from ..solver.geometry import place
 from ..storage import FilePath
 from .perception import FeltMap
@@ -15,28 +15,11 @@ from .receptors import TOUCH_CHANNELS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["draw_felt", "draw_felt_spectrum", "save_felt_picture"]
+__all__ = ["draw_felt_spectrum", "save_felt_picture"]
 
 MICROMETRES = 1e6
 LEAST = 1e-3
 """Part of the strongest vibration below which none is drawn."""
-
-
-def draw_felt(ax: Axes | None, felt: FeltMap, **style: Any) -> Axes:
-    """Draw perceived intensity over the flat skin; a line surrounds what is above the threshold."""
-    mask, spacing = felt.places.mask, felt.places.spacing
-    image = np.full(mask.shape, np.nan)
-    image[mask] = felt.intensity
-    rows, columns = mask.shape
-    edges = (0, columns * spacing * MM, 0, rows * spacing * MM)
-    axes, title = axes_or_new(ax), style.pop("title", "Perceived intensity over the skin, laid out flat")
-    look: dict[str, Any] = {"cmap": "inferno", "vmin": 0, "vmax": max(1.0, float(felt.intensity.max()))}
-    drawn = axes.imshow(image, origin="lower", extent=edges, interpolation="nearest", **look | style)
-    if felt.intensity.min() < 1 < felt.intensity.max():
-        axes.contour(np.nan_to_num(image), levels=[1], origin="lower", extent=edges, colors="#7fdfff", linewidths=1)
-    axes.set(title=title, xlabel="across / mm", ylabel="along / mm", facecolor="0.9")
-    colour_bar(axes, drawn, "perceived intensity / threshold", fraction=0.046 * rows / columns, pad=0.02)
-    return axes
 
 
 def draw_felt_spectrum(axes: Axes, felt: FeltMap) -> None:
@@ -64,7 +47,7 @@ def save_felt_picture(path: FilePath, felt: FeltMap, headline: str) -> None:
     """Write the picture in the format of the path's suffix."""
     figure = new_figure(5.0, LANDSCAPE)
     left, right = figure.subplots(1, 2)
-    draw_felt(left, felt)
+    felt.plot(left)
     draw_felt_spectrum(right, felt)
     figure.suptitle(headline)
     save_figure(figure, path)

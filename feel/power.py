@@ -14,7 +14,7 @@ from ..solver.acoustics.models import residual
 from ..solver.fields.quantities import air_density, intensity
 from .arriving import as_waves
 
-__all__ = ["RadiatedPower", "absorbed_share", "full_power", "power", "power_over_time", "warming"]
+__all__ = ["RadiatedPower", "absorbed_share", "full_power", "power_over_time", "radiated_power", "warming"]
 
 CAPACITANCE = 2.55e-9  # F, MA40S4S at 1 kHz (muRata, data sheet)
 SKIN_IMPEDANCE = 1.5e6  # Pa·s/m: a density of 1000 to 1100 kg/m³ times 1500 m/s, the lower end of what is published
@@ -124,7 +124,7 @@ class RadiatedPower:
         )
 
 
-def power(
+def radiated_power(
     array: TransducerArray, waves: ArrayLike, medium: Medium | None = None, supply_v: float = 15.0
 ) -> RadiatedPower:
     """Mean power of waves (t, n) over their time; see `power_over_time`."""

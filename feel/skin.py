@@ -27,7 +27,7 @@ __all__ = ["MOST_HZ", "Skin", "displacement"]
 
 MOST_HZ = 800.0
 """Highest frequency that counts: no channel of touch is known above it."""
-NEGLIGIBLE = 1e-4
+NEGLIGIBLE = 1e-5
 """A frequency is skipped if its pressure, summed over the places, is below this part of the strongest frequency's."""
 FREQUENCIES_AT_A_TIME = 256
 DEPTH, NODES_PER_TURN, BEYOND = 4.0, 3.0, 1.2

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..emulator import Emulator
-from ..feel.exposure import Exposure, exposure, seated
+from ..feel.exposure import Exposure, exposure_at, seated
 from ..feel.hearing import Audible, audible
 from ..feel.perception import EVERY, FeltMap, feel
-from ..feel.power import RadiatedPower, power
+from ..feel.power import RadiatedPower, radiated_power
 from ..feel.unfolding import SkinPlaces, Unfolded
 from ..host import open_device
 from ..host.playing.cycles import play_cycle
@@ -105,8 +105,8 @@ def sense(
         cycle,
         felt,
         audible(array, emitted.waves, emitted.pulses, at, medium),
-        exposure(array, emitted.waves, at, medium),
-        power(array, emitted.waves, medium),
+        exposure_at(array, emitted.waves, at, medium),
+        radiated_power(array, emitted.waves, medium),
         validity(array, peak, where, medium),
     )
 

@@ -196,7 +196,7 @@ def limited_frames(frames: Frames, calibration: Calibration | None, limit: Limit
     gain = 1.0
     for number, frame in enumerate(frames):
         try:
-            drive = np.asarray(frame.drive if isinstance(frame, Solution) else frame)
+            drive = np.asarray(frame.drive if isinstance(frame, Solution) else frame, np.complex128)
             pulses, factor = pulses_within(drive[None] * np.float32(gain), calibration, limit)
         except ValueError as error:
             raise ValueError(f"frame {number}: {error}") from error

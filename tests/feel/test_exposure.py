@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from phasewire import Medium, TransducerArray, pressure
 from phasewire.feel.arriving import arriving, responses
-from phasewire.feel.exposure import LIMITS, exposure, exposure_limit, scattered, seated
+from phasewire.feel.exposure import LIMITS, exposure_at, exposure_limit, scattered, seated
 from phasewire.solver import TRANSDUCERS
 from phasewire.solver.acoustics.models import directivity
 from phasewire.solver.acoustics.resonator import Resonator
@@ -27,7 +27,7 @@ def some_drives(rows: int, seed: int = 1) -> NDArray[np.complex128]:
 
 def test_one_transducer_is_as_loud_as_its_data_sheet_says() -> None:
     array = TransducerArray([[0, 0, 0]], [[0, 0, 1]], transducer=TRANSDUCERS["MA40S4S-10Vrms"])
-    found = exposure(array, np.ones((8, 1)), [[0, 0, 0.3]])
+    found = exposure_at(array, np.ones((8, 1)), [[0, 0, 0.3]])
     assert found.greatest_db[0] == pytest.approx(120.0, abs=0.02)  # 20 Pa rms at 30 cm
     assert found.mean_db[0] == pytest.approx(120.0, abs=0.02)
     assert not found.bounded[0]
@@ -37,7 +37,7 @@ def test_one_transducer_is_as_loud_as_its_data_sheet_says() -> None:
 
 def test_half_of_the_time_is_three_decibels_less_on_average(array: TransducerArray) -> None:
     waves = np.repeat([[1.0], [0.0]], 500, axis=0) * np.ones(320)
-    found, whole = exposure(array, waves, AT), exposure(array, waves[:1], AT)
+    found, whole = exposure_at(array, waves, AT), exposure_at(array, waves[:1], AT)
     np.testing.assert_allclose(whole.mean_db - found.mean_db, 10 * math.log10(2), atol=0.05)
     assert (found.greatest_db >= whole.greatest_db - 1e-4).all()
 
@@ -65,28 +65,28 @@ def test_waves_arrive_one_by_one_and_repeat(array: TransducerArray) -> None:
 def test_behind_the_baffle_there_is_a_bound_and_not_silence() -> None:
     array = TransducerArray([[0, 0, 0]], [[0, 0, 1]])
     places = np.array([[1, 0, 1e-9], [1, 0, 0], [0.6, 0, -0.8], [0, 0, -1]])
-    found = exposure(array, np.ones((1, 1)), places)
+    found = exposure_at(array, np.ones((1, 1)), places)
     grazing = 20 * math.log10(5.73 * float(directivity(1.0, 4.5e-3, MEDIUM)) / math.sqrt(2) / 20e-6)
     np.testing.assert_allclose(found.greatest_db, grazing, atol=1e-3)
     assert found.bounded.tolist() == [False, True, True, True]
-    assert "a bound: transducers look away" in str(exposure(array, np.ones((1, 1)), places[1:]))
+    assert "a bound: transducers look away" in str(exposure_at(array, np.ones((1, 1)), places[1:]))
 
 
 def test_a_person_sits_before_the_array_wherever_it_lies() -> None:
     array = TransducerArray.grid().moved((1, 2, 0.1))
     places = seated(array) - (1, 2, 0.1)
     np.testing.assert_allclose(places, [[-0.0725, -0.4, 0.47], [0.0725, -0.4, 0.47], [0, -0.28, 0.47]], atol=1e-12)
-    np.testing.assert_array_equal(exposure(array, np.ones((1, 320))).at, seated(array))
+    np.testing.assert_array_equal(exposure_at(array, np.ones((1, 320))).at, seated(array))
 
 
 @given(st.floats(60, 140), st.integers(0, 5))
 def test_a_gain_keeps_its_limit_exactly(limit: float, seed: int) -> None:
     array, drives = TransducerArray.grid(), some_drives(3, seed)
     gain = exposure_limit(array, None, limit)(drives)
-    loudest = max(exposure(array, [gain * drive]).greatest_db.max() for drive in drives)
+    loudest = max(exposure_at(array, [gain * drive]).greatest_db.max() for drive in drives)
     assert gain <= 1
     assert loudest == pytest.approx(limit, abs=1e-2) if gain < 1 else loudest <= limit + 1e-2
-    assert exposure(array, drives[:1]).gain(limit) == pytest.approx(
+    assert exposure_at(array, drives[:1]).gain(limit) == pytest.approx(
         exposure_limit(array, None, limit)(drives[:1]), rel=1e-3
     )
 
@@ -106,7 +106,7 @@ def test_limits_go_up_and_hold_those_of_1984() -> None:
 
 def test_what_does_not_fit_is_refused(array: TransducerArray) -> None:
     with pytest.raises(ValueError, match=r"waves have the shape \(2,\); \(t, 320\) is needed"):
-        exposure(array, [1, 1])
+        exposure_at(array, [1, 1])
     with pytest.raises(ValueError, match=r"drives have the shape \(1, 2\); \(t, 320\) is needed"):
         exposure_limit(array, None, 110)([[1, 1]])
     with pytest.raises(ValueError, match="an exposure limit of nan dB must be finite"):

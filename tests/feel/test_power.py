@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy
 from phasewire import ControlPoints, Medium, Transducer, TransducerArray, solve
-from phasewire.feel.power import absorbed_share, full_power, power, power_over_time, warming
+from phasewire.feel.power import absorbed_share, full_power, power_over_time, radiated_power, warming
 from phasewire.solver.acoustics.models import directivity
 from phasewire.solver.fields.quantities import air_density
 from phasewire.solver.fields.validity import aperture_radius
@@ -52,7 +52,7 @@ def test_power_is_that_of_the_calibrated_transducers() -> None:
     dead = TransducerArray(array.positions, array.normals, response=[0, 0.5j])
     alone = full_power(array.transducer)
     assert power_over_time(dead, [[1, 1]])[0] == pytest.approx(alone / 4, rel=1e-5)
-    found = power(array, np.array([[1, 1], [1j, 0]]))
+    found = radiated_power(array, np.array([[1, 1], [1j, 0]]))
     assert (found.acoustic, found.greatest) == pytest.approx((1.5 * alone, 2 * alone), rel=1e-5)
     assert found.switching == pytest.approx(1.5 * 2.55e-9 * 15**2 * 40e3)
     assert found.skin == pytest.approx(absorbed_share() * found.acoustic)
