@@ -76,6 +76,9 @@ bench: $(VENV)/ready         ## the benchmarks; run them on a quiet machine
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/streaming.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/touch.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/view.py
+	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/rendering.py --levels
+	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/feel.py
+	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/hearing.py
 
 bench-peers: $(VENV)/ready   ## comparison with autd3 and its emulators, acoustools and levitate, each in .peers (2 GB, made once)
 	@$(BIN)/python benchmarks/peers/run.py

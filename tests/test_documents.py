@@ -62,6 +62,10 @@ def test_the_python_of_the_first_steps_runs(capsys: pytest.CaptureFixture[str]) 
         ("explanation/touch.md", 3),
         ("explanation/solver.md", 1),
         ("explanation/hardware.md", 1),
+        ("explanation/rendering.md", 2),
+        ("explanation/quiet-and-safe.md", 1),
+        ("explanation/skin.md", 1),
+        ("how-to/feel.md", 1),
     ],
 )
 def test_the_python_of_the_documents_runs(

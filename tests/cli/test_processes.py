@@ -68,6 +68,8 @@ ROWS = {
     "reproduce figure7": Row("reproduce figure7", r"Drawn to figure7.png", makes=("figure7.png",)),
     "reproduce range": Row("reproduce range", r"Drawn to range.png", makes=("range.png",)),
     "reproduce figure4": Row("reproduce figure4", r"Drawn to figure4.png", makes=("figure4.png",)),
+    "feel": Row("feel circle:radius=0.02 --render am --output felt.png", r"threshold", makes=("felt.png",)),
+    "study": Row("study --persons 2 --trials 1 --seconds 0.5", r"chance", codes=(0, 1), makes=("study.png",)),
     "show": Row("show solved.npz --seconds 0.1", OFF),
     "stop": Row("stop", OFF),
     "info": Row("info", r"20 × 16 transducers"),
