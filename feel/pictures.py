@@ -9,8 +9,8 @@ import numpy as np
 from ..pictures import LANDSCAPE, new_figure, printed, save_figure
 from ..solver.geometry import place
 from ..storage import FilePath
-from .perception import FeltMap
 from .receptors import TOUCH_CHANNELS
+from .unfolding import SkinPlaces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,7 @@ LEAST = 1e-3
 """Part of the strongest vibration below which none is drawn."""
 
 
-def draw_felt_spectrum(axes: Axes, felt: FeltMap) -> None:
+def draw_felt_spectrum(axes: Axes, felt: FeltLike) -> None:
     """Draw how the strongest place vibrates, and the thresholds of the channels of touch."""
     size = np.abs(felt.spectra[:, felt.strongest])
     shown = size > LEAST * size.max(initial=0)
@@ -43,7 +43,7 @@ def draw_felt_spectrum(axes: Axes, felt: FeltMap) -> None:
 
 
 @printed()
-def save_felt_picture(path: FilePath, felt: FeltMap, headline: str) -> None:
+def save_felt_picture(path: FilePath, felt: FeltLike, headline: str) -> None:
     """Write the picture in the format of the path's suffix."""
     figure = new_figure(5.0, LANDSCAPE)
     left, right = figure.subplots(1, 2)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from phasewire import Hand, Medium, TransducerArray, pressure
@@ -246,12 +247,17 @@ def test_a_felt_map_says_and_shows_what_it_is(array: TransducerArray) -> None:
 def test_the_picture_of_a_felt_map_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     felt = felt_by(50.0, 0.02)
     saved: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: (saved.append(figure), Path(path).touch()))
+
+    def save(figure: Figure, path: Path, **_: object) -> None:
+        Path(path).touch()
+        saved.append(figure)
+
+    monkeypatch.setattr(Figure, "savefig", save)
     save_felt_picture(tmp_path / "felt.png", felt, "A circle of 4 cm")
     assert faults_of(saved[0], LANDSCAPE) == []
     _, spectrum = saved[0].axes[:2]
-    (stems,) = (each for each in spectrum.collections if each.get_label() == "vibration")
-    shown = np.array([segment[:, [0, 1]][1] for segment in stems.get_segments()])
+    (stems,) = (each for each in spectrum.collections if isinstance(each, LineCollection))
+    shown = np.array([segment[1] for segment in stems.get_segments()])
     sizes = 1e6 * np.abs(felt.spectra[:, felt.strongest])
     kept = sizes > 1e-3 * sizes.max()
     np.testing.assert_allclose(shown, np.stack([felt.frequencies, sizes], axis=1)[kept])

@@ -48,6 +48,13 @@ def test_bits_are_felt_at_the_frequency_that_they_alternate_by(
     assert found[1] / found[0] == pytest.approx(expected[1] / expected[0], rel=0.02)
 
 
+def test_only_the_periods_that_are_named_are_felt(alternating: tuple[int, Capture]) -> None:
+    """In the rest of a half cycle the resonance has nearly settled, and little changes."""
+    first, capture = alternating
+    changing, steady = (felt_from(capture, PATCH, first + begin, first + begin + 60) for begin in (0, 40))
+    assert 0 < steady.intensity.max() < 0.15 * changing.intensity.max()
+
+
 def test_array_air_and_skin_may_be_others(array: TransducerArray, alternating: tuple[int, Capture]) -> None:
     first, capture = alternating
     span = first, first + 2 * HALF
