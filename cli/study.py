@@ -43,7 +43,7 @@ def study(
     ] = Path("study.png"),
     json_target: JsonOption = None,
 ) -> None:
-    """Simulate the paper's user study: hands explore objects, and a classifier answers by what skin could feel.
+    """Simulate the paper's user study: hands explore objects, and a classifier answers.
 
     Each trial goes the whole way: hands, control points, fields, an emulated device, its bits, the motion of the skin,
     the thresholds of touch, and a person's errors. The classifier is tested on persons that it was not trained on. A

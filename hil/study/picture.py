@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,7 +26,8 @@ OURS, THEIRS = "#0072B2", "#E69F00"  # of Okabe and Ito
 def draw_study(study: Study) -> Figure:
     """The confusion matrix as counts, right answers by shape beside the paper's, and outline against pointer."""
     figure = new_figure(6.4)
-    upper, lower = figure.subfigures(2, 1, height_ratios=(1.15, 1))
+    parts: Any = figure.subfigures(2, 1, height_ratios=(1.15, 1))
+    upper, lower = parts
     matrix, shapes = upper.subplots(1, 2, width_ratios=(1.1, 1))
     _draw_counts(matrix, study.felt)
     found = study.felt.by_shape()

@@ -139,7 +139,6 @@ def walk(shape: str, count: int) -> NDArray[np.float64]:
     return outline.walk(count, outline.length / (LOOP_SECONDS - pause * getattr(drawn, "sides", 0)), pause)
 
 
-@threadpool_limits.wrap(limits=1)
 def felt_on_palm(shape: str, way: str) -> NDArray[np.float64]:
     """Perceived intensity of one round on a palm at rest, (w, k) relative to the threshold, by an emulated device."""
     array = TransducerArray.grid()
@@ -148,10 +147,11 @@ def felt_on_palm(shape: str, way: str) -> NDArray[np.float64]:
         capture = emulator.capture()
     first = min(latches[0] for latches in capture.latches) // TICKS_PER_PERIOD
     waves = emitted_waves(capture, array, first, first + round(LOOP_SECONDS * CARRIER_HZ)).waves
-    return over_time(radiation_pressures(array, waves, PALM, every=EVERY), PALM)
+    with threadpool_limits(1):
+        return over_time(radiation_pressures(array, waves, PALM, every=EVERY), PALM)
 
 
-def _frames(shape: str, way: str, array: TransducerArray) -> Iterator[NDArray[np.complex64]]:
+def _frames(shape: str, way: str, array: TransducerArray) -> Iterator[NDArray[np.complex128]]:
     """Drives of one round: on in the first half of each period of the modulation, off in the second."""
     solver, count = Solver(array), round(LOOP_SECONDS * MODULATION_HZ)
     if way == "outline":

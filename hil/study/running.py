@@ -97,13 +97,13 @@ def trials_of(persons: int, repeats: int, shapes: Sequence[str] = tuple(SOLIDS))
     ]
 
 
-@threadpool_limits.wrap(limits=1)
 def run_trial(trial: Trial, seed: int, seconds: float) -> Features:
     """The features of a trial by the whole path."""
     array = TransducerArray.grid()
     path = Person.drawn(trial.person, seed).explores(trial.number)
-    played = explored(getattr(Mesh, trial.mesh)(), path, seconds, array)
-    levels, skin = felt_on_hand(played, path, array)
+    with threadpool_limits(1):  # the products are small; more threads wait for each other
+        played = explored(getattr(Mesh, trial.mesh)(), path, seconds, array)
+        levels, skin = felt_on_hand(played, path, array)
     noise = [seed, trial.person, trial.number, 1]  # beside the path's, which has no last number
     return Features(
         *(
@@ -156,8 +156,8 @@ def run_study(
 
     def confusion(features: Sequence[NDArray[np.float64]], labels: Sequence[str], answers: Sequence[str]) -> Confusion:
         said = judged(np.stack(features), labels, who, answers=answers, seed=seed)
-        asked = [label != PRACTISED for label in labels]
-        return Confusion.of(*(np.asarray(each)[asked] for each in (labels, said, who)), answers)
+        asked = np.array([label != PRACTISED for label in labels])
+        return Confusion.of(np.array(labels)[asked], said[asked], np.array(who)[asked], answers)
 
     tested = tuple(shape for shape in SOLIDS if shape != PRACTISED)
     shuffled = np.random.default_rng([seed, len(trials)]).permutation(presented).tolist()
