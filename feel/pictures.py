@@ -9,8 +9,8 @@ import numpy as np
 from ..pictures import LANDSCAPE, new_figure, printed, save_figure
 from ..solver.geometry import place
 from ..storage import FilePath
+from .perception import FeltMap
 from .receptors import TOUCH_CHANNELS
-from .unfolding import SkinPlaces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,16 +22,15 @@ LEAST = 1e-3
 """Part of the strongest vibration below which none is drawn."""
 
 
-def draw_felt_spectrum(axes: Axes, felt: FeltLike) -> None:
+def draw_felt_spectrum(axes: Axes, felt: FeltMap) -> None:
     """Draw how the strongest place vibrates, and the thresholds of the channels of touch."""
     size = np.abs(felt.spectra[:, felt.strongest])
     shown = size > LEAST * size.max(initial=0)
     axes.vlines(felt.frequencies[shown], 0, size[shown] * MICROMETRES, color="0.2", linewidth=1.5, label="vibration")
     for channel, dashes in zip(TOUCH_CHANNELS, ("-", "--", ":"), strict=True):
         known = np.array(channel.thresholds)[:, 0]
-        axes.plot(
-            known, channel.threshold(known) * MICROMETRES, dashes, linewidth=1, label=f"threshold, {channel.name}"
-        )
+        least = channel.threshold(known) * MICROMETRES
+        axes.plot(known, least, dashes, linewidth=1, label=f"threshold, {channel.name}")
     axes.set(
         title=f"Strongest place, {place(felt.places.positions[felt.strongest])}",
         xlabel="frequency / Hz",
@@ -43,7 +42,7 @@ def draw_felt_spectrum(axes: Axes, felt: FeltLike) -> None:
 
 
 @printed()
-def save_felt_picture(path: FilePath, felt: FeltLike, headline: str) -> None:
+def save_felt_picture(path: FilePath, felt: FeltMap, headline: str) -> None:
     """Write the picture in the format of the path's suffix."""
     figure = new_figure(5.0, LANDSCAPE)
     left, right = figure.subplots(1, 2)
