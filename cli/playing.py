@@ -22,7 +22,7 @@ from ..host.lines.opening import DEFAULT_URL
 from ..host.playing.cycles import play_cycle
 from ..host.playing.device import Device, open_device
 from ..host.playing.envelopes import sine
-from ..host.playing.frames import LoopedFrames, beginning, differences, limited_frames, to_pulses
+from ..host.playing.frames import LoopedFrames, beginning, differences, interpolated_frames, limited_frames, to_pulses
 from ..host.playing.recording import SUFFIX, record
 from ..host.playing.streaming import LOOK_AHEAD_SECONDS, StreamReport
 from ..protocol.board import CARRIER_HZ
@@ -92,6 +92,14 @@ MethodOption = Annotated[
     typer.Option(
         help=f"The solving method for points: {', '.join(METHODS)} (see `phasewire solve --help`).",
         autocompletion=among(METHODS),
+    ),
+]
+InterpolateOption = Annotated[
+    bool,
+    typer.Option(
+        "--interpolate",
+        help="Lead each frame over into the next, which is quieter: the device gets frames for every carrier period, "
+        "each a frame's time later.",
     ),
 ]
 SpinOption = Annotated[
@@ -236,6 +244,7 @@ def stream(
         float, typer.Option(metavar="HZ", help="Frequency at which the device modulates the frames, or 0 for none.")
     ] = TACTILE_HZ,
     render: RenderOption = None,
+    interpolate: InterpolateOption = False,
     max_exposure: MaxExposureOption = None,
     listeners: ListenersOption = None,
     look_ahead: Annotated[
@@ -257,7 +266,7 @@ def stream(
     with open_source(source) as what:
         check_options(context, source, what)
         if render is not None:
-            check_render(context, "modulation", "spin")
+            check_render(context, "modulation", "spin", "interpolate")
         with ExitStack() as stack:
             url, emulator = stack.enter_context(viewed_device(device, wanted=view))
             opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
@@ -268,7 +277,9 @@ def stream(
             if render is None:
                 pace = rate or what.rate or RATE
                 frames = frames_of(what, transducers, method, spin, pace)
-                if limit is not None:
+                if interpolate:
+                    frames, pace = interpolated_frames(frames, pace, opened.calibration, limit), float(CARRIER_HZ)
+                elif limit is not None:
                     frames = limited_frames(frames, opened.calibration, limit)
             else:
                 cycle = Renderer(transducers, render, method).render(read_outline(source))
@@ -419,6 +430,7 @@ def record_command(
     method: MethodOption = "tikhonov",
     spin: SpinOption = 0.0,
     render: RenderOption = None,
+    interpolate: InterpolateOption = False,
     max_exposure: MaxExposureOption = None,
     listeners: ListenersOption = None,
     array: ArrayOption = None,
@@ -438,10 +450,12 @@ def record_command(
         if render is None:
             pace = rate or what.rate or RATE
             frames = frames_of(what, used, method, spin, pace)
-            if limit is not None:
+            if interpolate:
+                frames, pace = interpolated_frames(frames, pace, corrected, limit), float(CARRIER_HZ)
+            elif limit is not None:
                 frames = limited_frames(frames, corrected, limit)
         else:
-            check_render(context, "spin")
+            check_render(context, "spin", "interpolate")
             cycle = Renderer(used, render, method).render(read_outline(source))
             if cycle.envelope:
                 raise ValueError(

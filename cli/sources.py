@@ -51,6 +51,7 @@ HEEDED: dict[str, tuple[tuple[type, ...], str]] = {
     "spin": ((ControlPoints,), "only a shape or a file of points can turn"),
     "render": ((ControlPoints,), "only a shape or a file of points is rendered"),
     "max_exposure": ((ControlPoints, Iterator, Solution, np.ndarray), "it holds pulses, which are played unchanged"),
+    "interpolate": ((ControlPoints, Iterator, np.ndarray), "it holds no drives that follow each other"),
     "method": ((ControlPoints, Iterator), "only points are solved for"),
     "array": ((ControlPoints, Iterator), "its frames are solved already"),
     "calibration": ((ControlPoints, Iterator, Solution, np.ndarray), "it holds pulses, which are played unchanged"),

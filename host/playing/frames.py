@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from itertools import islice
 from typing import Any, Protocol, TypeAlias, runtime_checkable
@@ -15,10 +16,11 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from ...protocol.board import CARRIER_HZ
 from ...protocol.pulses import Pulses
 from ...protocol.quantise import PulseFrames, check_pulses, quantise
 from ...protocol.replies import Info
-from ...solver import ControlPoints, Cycle, Medium, Solution, Solver, TransducerArray
+from ...solver import Completion, ControlPoints, Cycle, Medium, Quieting, Solution, Solver, TransducerArray
 from .calibration import Calibration
 from .limiting import Limit, pulses_within
 
@@ -33,6 +35,7 @@ __all__ = [
     "check_rate",
     "differences",
     "frame_source",
+    "interpolated_frames",
     "limited_frames",
     "solved",
     "to_pulses",
@@ -183,6 +186,43 @@ def to_pulses(frame: Frame, calibration: Calibration | None, channels: int) -> P
     return Pulses.from_drive(drive if calibration is None else calibration.apply(drive))
 
 
+def interpolated_frames(
+    frames: Frames, rate: float, calibration: Calibration | None, limit: Limit | None = None
+) -> Iterator[Pulses]:
+    """Frames of drives, led over into each other: the pulses of every carrier period.
+
+    Each frame is complete at the end of its time, phase by the shorter way, so it is late by as much. It begins in
+    silence. What a limit has turned down stays down.
+
+    Parameters
+    ----------
+    frames : Frames
+        Of drives.
+    rate : float
+        Frames per second; each lasts the nearest whole number of carrier periods.
+    calibration : Calibration, optional
+        Of the device.
+    limit : callable, optional
+        That what is emitted must keep.
+
+    Raises
+    ------
+    ValueError
+        If the frames hold pulses, or as `to_pulses`; the frame is named.
+    """
+    periods = max(round(CARRIER_HZ / rate), 1)
+    quieting: Quieting | None = None
+    gain = 1.0
+    for number, drive in _drives_of(frames):
+        if quieting is None:
+            quieting = Quieting(len(drive), Completion(periods, periods))
+        led = quieting.follow(np.broadcast_to(drive.astype(np.complex64), (periods, len(drive))))
+        with _naming(number):
+            pulses, factor = pulses_within(led * np.float32(gain), calibration, limit)
+        gain *= factor
+        yield from (pulses.pulses(period) for period in range(periods))
+
+
 def limited_frames(frames: Frames, calibration: Calibration | None, limit: Limit) -> Iterator[Pulses]:
     """The pulses of frames of drives, turned down so far that each keeps a limit; once down, they stay down.
 
@@ -191,17 +231,32 @@ def limited_frames(frames: Frames, calibration: Calibration | None, limit: Limit
     ValueError
         If the frames hold pulses, or as `to_pulses`; the frame is named.
     """
-    if isinstance(frames, PulseFrames | StoredFrames):
-        raise ValueError("frames that hold pulses are played unchanged; no limit can turn them down")
     gain = 1.0
-    for number, frame in enumerate(frames):
-        try:
-            drive = np.asarray(frame.drive if isinstance(frame, Solution) else frame, np.complex128)
+    for number, drive in _drives_of(frames):
+        with _naming(number):
             pulses, factor = pulses_within(drive[None] * np.float32(gain), calibration, limit)
-        except ValueError as error:
-            raise ValueError(f"frame {number}: {error}") from error
         gain *= factor
         yield pulses.pulses(0)
+
+
+def _drives_of(frames: Frames) -> Iterator[tuple[int, NDArray[np.complex128]]]:
+    """Frames by their number, as drives, (n,)."""
+    if isinstance(frames, PulseFrames | StoredFrames):
+        raise ValueError("frames that hold pulses are played unchanged; only drives can be turned down or led over")
+    for number, frame in enumerate(frames):
+        with _naming(number):
+            if isinstance(frame, Pulses):
+                raise ValueError("pulses are played unchanged; only drives can be turned down or led over")
+            yield number, np.asarray(frame.drive if isinstance(frame, Solution) else frame, np.complex128)
+
+
+@contextmanager
+def _naming(number: int) -> Iterator[None]:
+    """Name the frame in a `ValueError`."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"frame {number}: {error}") from error
 
 
 def solved(points: Iterable[ControlPoints], solver: Solver) -> Iterator[Solution]:

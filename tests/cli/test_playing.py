@@ -200,6 +200,8 @@ USELESS = [
     "play circle --render am --modulation 100",
     "play circle --listeners 0:0:1",
     "stream slow.frames --max-exposure 100",
+    "stream slow.frames --interpolate",
+    "stream circle --interpolate --render am",
     "play circle --unattended --seconds 2",
     "play circle --unattended --forever",
 ]
@@ -270,6 +272,17 @@ def test_an_exposure_is_kept_at_the_listeners(phasewire: Run, files: Path, optio
         loudest[name] = float(sound_pressure_level(field.max()))
     assert loudest["free"] > 127
     assert 120 < loudest["kept"] <= 125
+
+
+def test_frames_are_led_over_into_each_other(phasewire: Run, files: Path) -> None:
+    """A phase that jumps by a quarter turn from frame to frame turns steadily instead."""
+    np.savez("turns.npz", drives=np.repeat(1j ** np.arange(4)[:, None], N, axis=1))
+    phasewire("record", "turns.npz", "--rate", "400", "--interpolate", "-o", "x.frames")
+    with Recording.open(files / "x.frames") as kept:
+        assert (kept.rate, len(kept)) == (40_000, 400)
+        phase = kept.read(100, 400).phase[:, 0].astype(int)  # in hundredths of a turn
+    assert (np.diff(phase) >= 0).all()
+    assert phase == pytest.approx(np.arange(1, 301) / 4, abs=1)
 
 
 def test_a_recording_has_no_room_for_an_envelope(phasewire: Run, files: Path) -> None:
