@@ -169,7 +169,7 @@ def swept(name: str, mesh: Mesh, method: str, seconds: float, render: str = SQUA
         }
 
 
-def line_and_device(render: str, line: str, seconds: float = 1.0) -> dict[str, Any]:
+def line_and_device(render: str, line: str, seconds: float = 2.0) -> dict[str, Any]:
     """Seconds from time stamps to the first periods of their poses, by an emulated device's clock."""
     passed, begins = Latencies(), [0]
     with Emulator() as emulator, open_device(emulator.url + line) as device:

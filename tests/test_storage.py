@@ -140,7 +140,7 @@ def field(sphere_solution: pw.Solution) -> pw.PlaneField:
         ("perfect.csv", lambda path, *_: pw.Calibration.perfect(4).save(path)),
         ("a.frames", lambda path, _, solution: pw.record(path, solution.drive[None], 40)),
         ("a.hands", lambda path, *_: HandRecorder(path, 60).__enter__().__exit__(None, None, None)),
-        ("b.hands", lambda path, *_: TouchLog(path, 60, 200, "").__enter__().__exit__(None, None, None)),
+        ("b.hands", lambda path, *_: TouchLog(path, 60, "am", "").__enter__().__exit__(None, None, None)),
         ("flash.bin", lambda path, *_: Flash().save(path)),
     ],
 )

@@ -83,7 +83,7 @@ def test_in_each_way_points_that_all_fade_turn_down_the_whole(array: TransducerA
 @pytest.mark.parametrize("calibrated", [False, True])
 def test_a_limit_is_kept_by_what_is_emitted(array: TransducerArray, way: str, calibrated: bool) -> None:
     at = transfer_matrix(array, np.array([[0.0, -0.3, 0.4]])).T
-    responses = np.linspace(0.6, 1, 320)
+    responses = np.linspace(1, 2, 320)
     calibration = Calibration(responses, np.linspace(0, 90, 320), np.ones(320), np.zeros(320)) if calibrated else None
     most = np.inf
 
