@@ -77,7 +77,7 @@ class Exploration:
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody with a hand and habits, who is the same for the same number and seed.
+    """A hand and habits: the same for the same number and seed.
 
     Parameters
     ----------

@@ -51,8 +51,8 @@ def test_a_path_is_smooth_and_comes_down(person: Person) -> None:
 
 def test_a_hand_moves_as_a_whole(person: Person) -> None:
     path = person.explores(0)
-    lengths = [np.linalg.norm(path.at(time).landmarks[:, None] - path.at(time).landmarks, axis=2) for time in (0.1, 2)]
-    assert lengths[0].shape == (LANDMARKS, LANDMARKS)
-    np.testing.assert_allclose(*lengths, atol=1e-12)
+    early, late = (np.linalg.norm(hand.landmarks[:, None] - hand.landmarks, axis=2) for hand in map(path.at, (0.1, 2)))
+    assert early.shape == (LANDMARKS, LANDMARKS)
+    np.testing.assert_allclose(early, late, atol=1e-12)
     assert path.at(0.7).side == person.side
     np.testing.assert_allclose(path.at(0.7).centre, path.pose(0.7)[1], atol=1e-9)

@@ -64,9 +64,9 @@ def test_the_same_path_makes_the_same_bits() -> None:
     one, other = (explored(mesh, path, 0.6, ARRAY) for _ in range(2))
     assert (one.first, one.last) == (other.first, other.last)
     assert one.last - one.first == 24_000
-    bits = [each.capture.drives(each.first, each.last) for each in (one, other)]
-    assert bits[0].any()
-    assert np.array_equal(*bits)
+    first, second = (each.capture.drives(each.first, each.last) for each in (one, other))
+    assert first.any()
+    assert np.array_equal(first, second)
 
 
 def test_a_point_is_blurred_to_the_error_of_its_place() -> None:
