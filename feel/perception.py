@@ -132,7 +132,10 @@ class FeltMap(Drawable):
         look: dict[str, Any] = {"cmap": "inferno", "vmin": 0, "vmax": max(1.0, float(self.intensity.max()))}
         drawn = axes.imshow(image, origin="lower", extent=edges, interpolation="nearest", **look | style)
         if self.intensity.min() < 1 < self.intensity.max():
-            axes.contour(np.nan_to_num(image), levels=[1], origin="lower", extent=edges, colors="#7fdfff", linewidths=1)
+            edge = axes.contour(
+                np.nan_to_num(image), levels=[1], origin="lower", extent=edges, colors="#7fdfff", linewidths=1
+            )
+            edge.set_array(None)  # a line, not a quantity
         axes.set(title=title, xlabel="across / mm", ylabel="along / mm", facecolor="0.9")
         colour_bar(axes, drawn, "perceived intensity / threshold", fraction=0.046 * rows / columns, pad=0.02)
         return axes

@@ -26,7 +26,7 @@ def save_sensation_picture(path: FilePath, sensations: Mapping[str, Sensation], 
     strongest = max(float(sensed.felt.intensity.max()) for sensed in sensations.values())
     for column, (name, sensed) in enumerate(sensations.items()):
         felt, heard = maps[0, column], maps[1, column]
-        sensed.felt.plot(felt, vmin=0, vmax=strongest, title=f"{name}: felt, laid out flat")
+        sensed.felt.plot(felt, vmin=0, vmax=strongest, title=name.replace(":", "\n", 1))
         loudest = int(sensed.sound.levels_dba.argmax())
         for part in PARTS:
             frequency, squares = sensed.sound.spectrum(part)

@@ -14,15 +14,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from phasewire import (
     Capture,
+    Circle,
     ControlPoints,
     Emulator,
     Grid,
     Hand,
     Mesh,
+    Outline,
     PlaneField,
     TransducerArray,
     compare_fields,
     focus_report,
+    render,
     sample_plane,
     sample_volume,
     solve,
@@ -30,8 +33,11 @@ from phasewire import (
 )
 from phasewire.cli.budget import draw_budget
 from phasewire.emulator.timeline import draw_timeline, way_of_an_update
+from phasewire.feel.pictures import save_felt_picture
 from phasewire.hil.end_to_end import run_end_to_end
 from phasewire.hil.picture import save_end_to_end_picture
+from phasewire.hil.sensing import sense, skin_over
+from phasewire.hil.sensing_picture import save_sensation_picture
 from phasewire.hil.touch_latency import draw_touch_latency, measure_touch_latency
 from phasewire.hil.touch_picture import save_touch_picture
 from phasewire.pictures import COLUMN, LANDSCAPE
@@ -100,6 +106,17 @@ def touched() -> None:
     save_touch_picture(FILE, [HAND], [CUBE], felt, two_sided(ARRAY, felt.points).modulation, ARRAY, source)
 
 
+def felt(ways: int) -> None:
+    """By one way the felt map alone, by several how they compare."""
+    outline = Outline.of(Circle(radius=0.02))
+    names = ("two-sided:envelope=square", "am", "lm", "stm")[:ways]
+    found = {name: sense(render(ARRAY, outline, name), skin_over(outline)) for name in names}
+    if ways == 1:
+        save_felt_picture(FILE, found[names[0]].felt, "A circle of 4 cm, as emulated boards emit it")
+    else:
+        save_sensation_picture(FILE, found, "circle:radius=0.02: felt and heard, by the bits of emulated boards")
+
+
 def figure_7() -> Figure:
     names = ("multiplex", "min_norm", "tikhonov", "tikhonov two-sided", "wgs", "wgs two-sided", "paper")
     times = [Timing(name, 2**n, 1e-5 * (1 + at) * 2**n) for at, name in enumerate(names) for n in range(10)]
@@ -122,6 +139,9 @@ PICTURES: dict[str, tuple[Callable[[], object], float]] = {
     "volume": (volume, COLUMN),
     "subplots": (lambda: subplots(solve(ARRAY, Star()).plot, star("wgs").plot), LANDSCAPE),
     "subplots of a capture": (lambda: subplots(star("wgs").plot, played().plot), LANDSCAPE),
+    "felt": (lambda: felt(1), LANDSCAPE),
+    "felt, two ways": (lambda: felt(2), LANDSCAPE),
+    "felt, four ways": (lambda: felt(4), LANDSCAPE),
     "figure 4": (lambda: draw_figure_4(reproduce_figure_4()), COLUMN),
     "figure 6": (lambda: draw_figure_6(reproduce_figure_6()), COLUMN),
     "figure 6, oil": (lambda: draw_figure_6(reproduce_figure_6(), OIL), COLUMN),
