@@ -10,18 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire import Circle, Device, Emulator, Mesh, TransducerArray, open_device, pressure
+from phasewire import Circle, ControlPoints, Device, Emulator, Mesh, TransducerArray, open_device, pressure
 from phasewire.emulator.faults import HotBoard, InjectedFault, PowerCut, StalledEndpoint, Unplugged
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError, TrackerLostError
 from phasewire.host.hands.frames import HandFrame, TrackedHand
 from phasewire.host.hands.sources import LiveHands, PlayedHands, open_hands
-from phasewire.host.touching.fields import PulseCycle
+from phasewire.host.touching.fields import PoseSolver, PulseCycle
 from phasewire.host.touching.loop import MOST_RAMP_SECONDS, SILENCE_SECONDS, TouchLoop, TouchMoment
 from phasewire.host.touching.report import TouchReport
 from phasewire.host.touching.turns import Alternation, StoredTurns
-from phasewire.solver.contact.touch import Toucher
+from phasewire.solver.contact.touch import Touch, Toucher
 from phasewire.solver.methods.split import split
 from phasewire.solver.rendering.renderer import Renderer
+from phasewire.solver.shapes.points import check_reachable
 
 from .ring import POINTS, Ring, frames, source
 
@@ -58,10 +59,10 @@ def last_sound(emulator: Emulator, begin: int = 0) -> int:
     return begin + int(sounding[-1]) if len(sounding) else -1
 
 
-def loudness_of(emulator: Emulator, begin: int) -> NDArray[np.float64]:
-    """The greatest amplitude in each 2.5 ms, half a period of 200 Hz, from a period on."""
+def loudness_of(emulator: Emulator, begin: int, window: int = 100) -> NDArray[np.float64]:
+    """The greatest amplitude in each 2.5 ms, half a period of 200 Hz, or another window, from a period on."""
     every = amplitudes(emulator, begin, emulator.capture().end_tick // 50)
-    return np.asarray(every[: len(every) // 100 * 100].reshape(-1, 100).max(axis=1))
+    return np.asarray(every[: len(every) // window * window].reshape(-1, window).max(axis=1))
 
 
 class Noting:
@@ -210,6 +211,58 @@ def test_contact_and_release_are_ramps_and_silence_comes_in_time(ramp: float, ra
     assert abs((ends - released) / 40_000 - ramp) < 0.006
     loudest_step = np.abs(np.diff(loudness[::100])).max()
     assert loudest_step < whole * (1.01 if ramp == 0 else max(0.75 * 2.5e-3 / ramp * 2, 0.12))
+
+
+@in_each_way
+def test_in_each_way_contact_and_release_are_ramps_and_silence_comes_in_time(render: str) -> None:
+    contact, release = 0.05, 0.15
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        begin = device.time.monotonic()
+
+        def place(time: float) -> tuple[float, float, float] | None:
+            return still(time) if contact <= time < release else None
+
+        loop_of(device, source(device.time, 200, 0.25, place), render=render).run()
+        every = loudness_of(emulator, 0, window=200)
+        assert 0 <= last_sound(emulator) - (begin + release) * 40_000 < SILENCE
+    assert (np.abs(np.diff(every)) < 0.5 * every.max()).all()
+
+
+class Upright(Ring):
+    """The ring stands upright, and its lower part is below the array."""
+
+    def touch(self, hands: Any, objects: Any) -> Touch:
+        """The ring about the palm of each hand."""
+        flat = super().touch(hands, objects)
+        assert flat.points is not None
+        [arc] = flat.arcs
+        centre = arc[:-1].mean(axis=0)
+        upright = centre + (arc - centre)[:, [0, 2, 1]]
+        touch = Touch(flat.cuts, ControlPoints(upright[:-1]), flat.marks)
+        touch.__dict__["arcs"] = [upright]
+        return touch
+
+
+@pytest.mark.parametrize(("height", "parts"), [(0.2, 1), (0.01, 2), (-0.02, 1)])
+def test_only_what_the_array_reaches_is_drawn(height: float, parts: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+    genuine = PoseSolver.solve
+
+    def solve(solver: PoseSolver, fading: Any, strokes: Any = ()) -> PulseCycle:
+        drawn.append(strokes)
+        return genuine(solver, fading, strokes)
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        hands = PlayedHands("low", frames(100, 0.1, lambda _: (0, 0, height)), 100, device.time)
+        loop = TouchLoop(device, hands, [], Upright(), ARRAY, most_points=64, render="stm")
+        loop.warm_up()
+        monkeypatch.setattr(PoseSolver, "solve", solve)
+        loop.run()
+    assert drawn
+    for strokes in drawn:
+        assert len(strokes) == parts
+        for stroke in strokes:
+            check_reachable(ARRAY, ControlPoints(stroke))
 
 
 class Stalling(PlayedHands):
