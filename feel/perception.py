@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FeltMap", "feel", "felt_map", "radiation_pressures"]
 
+EDGE = "#7fdfff"
 EVERY = 10
 """Carrier periods from one sample of the radiation pressure to the next: 4 kHz at 40 kHz."""
 SAMPLES_AT_A_TIME = 1024
@@ -133,9 +134,10 @@ class FeltMap(Drawable):
         drawn = axes.imshow(image, origin="lower", extent=edges, interpolation="nearest", **look | style)
         if self.intensity.min() < 1 < self.intensity.max():
             edge = axes.contour(
-                np.nan_to_num(image), levels=[1], origin="lower", extent=edges, colors="#7fdfff", linewidths=1
+                np.nan_to_num(image), levels=[1], origin="lower", extent=edges, colors=EDGE, linewidths=1
             )
             edge.set_array(None)  # a line, not a quantity
+            edge.set_edgecolor(EDGE)
         axes.set(title=title, xlabel="across / mm", ylabel="along / mm", facecolor="0.9")
         colour_bar(axes, drawn, "perceived intensity / threshold", fraction=0.046 * rows / columns, pad=0.02)
         return axes
