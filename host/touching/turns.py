@@ -315,7 +315,7 @@ class StoredTurns(_Clocked):
         lead = LEAST_LEAD_PERIODS + RESERVE_PERIODS + BLOCKS_BESIDE * (longest + self._request)
         begins = max(ceil(self._now() + lead), self._begins[1] + 1)
         passed = _passed(self.alternation, begins, cycle.periods)
-        self.alternation = Alternation(cycle.hold, begins - passed, len(slots))
+        self.alternation = Alternation(cycle.hold, (begins - passed) % cycle.periods, len(slots))
         ack = self._device.play(_rotated(slots, cycle.hold, passed), period=begins)
         self._begins = self._begins[1], ack.commit_period or begins
         blocks = len(set(slots)) + BLOCKS_BESIDE

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from phasewire import Device, Emulator, open_device
 from phasewire.errors import DeviceRefusedError
 from phasewire.host.touching.fields import PulseCycle
-from phasewire.host.touching.turns import StoredTurns, StreamedTurns, _rotated, turns_for
+from phasewire.host.touching.turns import Alternation, StoredTurns, StreamedTurns, _rotated, turns_for
 from phasewire.protocol.quantise import PulseFrames
 from phasewire.solver.rendering.ways import Halves
 
@@ -211,6 +211,7 @@ def test_cycles_are_played_in_order_and_keep_their_phase_over_poses(count: int, 
         kept(device, turns, 0.005)
         last = device.status().period - 10
         assert turns.late == 0
+        assert turns.alternation == Alternation(hold, 0, count)
     np.testing.assert_array_equal(played(emulator, first, last), np.arange(first, last) // hold % count + 1)
     poses = played(emulator, first, last, 1) - 1
     for now, pose in shown:
