@@ -25,7 +25,7 @@ ARRAY = TransducerArray.grid()
 POINT = ControlPoints([[0, 0, 0.2]])
 RING = Circle(radius=0.03)
 SECTION = Circle(radius=0.0764)  # 32 points
-CASES = {
+CASES: dict[str, tuple[Circle | ControlPoints, str]] = {
     "am": (SECTION, "am"),
     "two-sided": (SECTION, "two-sided"),
     "lm, a point": (POINT, "lm"),
@@ -97,7 +97,7 @@ def main() -> None:
     parser.add_argument("--levels", action="store_true", help="also play the ways, and judge them")
     parser.add_argument("--json", type=Path, help="where to write the results")
     arguments = parser.parse_args()
-    results: dict[str, Any] = {name: rates(*case) for name, case in CASES.items()}
+    results: dict[str, Any] = {name: rates(what, way) for name, (what, way) in CASES.items()}
     results["changes spread, periods/s"] = quieting_rate()
     if arguments.levels:
         results["levels"] = levels()

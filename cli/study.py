@@ -27,7 +27,9 @@ commands = typer.Typer(rich_markup_mode=None)
 
 SURE = 0.999
 """A control that guesses fails so seldom: once in a thousand studies."""
-MOST_PERSONS, MOST_REPEATS = 1000, 100
+MOST_PERSONS, MOST_REPEATS, MOST_SECONDS = 1000, 100, 10
+MOST_PROCESSES = 4
+"""Each takes 1 GB for an exploration of 3 s."""
 
 
 @commands.command(epilog="Example: phasewire study --persons 6 --trials 1 --json study.json")
@@ -36,7 +38,9 @@ def study(
     trials: Annotated[
         int, typer.Option(min=1, max=MOST_REPEATS, help="How often each explores each of the six objects.")
     ] = REPEATS,
-    seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long an exploration is, in s.")] = SECONDS,
+    seconds: Annotated[
+        float, typer.Option(min=0.5, max=MOST_SECONDS, help="How long an exploration is, in s.")
+    ] = SECONDS,
     seed: Annotated[int, typer.Option(min=0, help="Of persons, paths and errors: the same gives the same.")] = SEED,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE", help="The .png, .svg or .pdf file to draw.")
@@ -58,7 +62,14 @@ def study(
     check_outputs([output, json_target])
     out, started = console_for(json_target), perf_counter()
     with _progress(error_console()) as on_trial:
-        found = run_study(persons, trials, seed, seconds=seconds, processes=os.cpu_count() or 1, on_trial=on_trial)
+        found = run_study(
+            persons,
+            trials,
+            seed,
+            seconds=seconds,
+            processes=min(os.cpu_count() or 1, MOST_PROCESSES),
+            on_trial=on_trial,
+        )
     save_figure(draw_study(found), output)
     _tell(out, found)
     limit = chance_at_most(int(found.silent.counts.sum()), len(found.silent.answers), SURE)

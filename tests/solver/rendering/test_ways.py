@@ -29,7 +29,7 @@ def intensity(cycle: Cycle, at: NDArray[np.float64]) -> NDArray[np.float64]:
 def harmonics(course: NDArray[np.float64]) -> NDArray[np.float64]:
     """Amplitudes of a course's harmonics relative to its mean, (k // 2 + 1, m); 0 is the mean."""
     found = np.abs(np.fft.rfft(course, axis=0)) / len(course)
-    return found / found[0] * np.where(np.arange(len(found)) == 0, 1, 2)[:, None]
+    return np.asarray(found / found[0] * np.where(np.arange(len(found)) == 0, 1, 2)[:, None])
 
 
 @pytest.mark.parametrize("way", ["am", "am:frequency=100"])
