@@ -49,8 +49,8 @@ FLAT_SHAPES = {
     "square": (Polygon(4, SIDE / 2**0.5), 0.300),
     "triangle": (Polygon(3, SIDE / 3**0.5), 0.467),
 }
-"""Each with the pause at its corners in seconds. Size, pauses and the time of a round are those of Hajas et al., from a
-summary by the first author; that the sides have 6 cm, as the circle's diameter, is ours."""
+"""Each with the pause at its corners in seconds. Size, pauses and the time of a round in Hajas et al. are second-hand,
+from a summary on the first author's site; that the sides have 6 cm, as the circle's diameter, is ours."""
 WAYS = ("outline", "pointer")
 HAJAS = {"outline": 0.51, "pointer": 0.83}
 """Their share of right answers with pauses at corners, hand at rest, from the same summary."""
