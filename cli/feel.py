@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -11,8 +11,8 @@ from rich.table import Column, Table
 
 from ..pictures import check_picture_path
 from ..signals import loading
-from ..solver import Renderer, TransducerArray
-from ..solver.rendering.ways import AUTO, WAYS
+from ..solver import Cycle, Renderer, TransducerArray
+from ..solver.rendering.ways import AUTO, WAYS, described
 from ..solver.shapes.point_files import POINT_FILES
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
@@ -20,6 +20,9 @@ from .listening import ListenersOption, load_listeners
 from .playing import MethodOption
 from .points import ArrayOption, files_in, load_array, read_outline, shapes_and_files
 from .rendering import RENDER_HELP, SQUARE
+
+if TYPE_CHECKING:
+    from ..hil.sensing import Sensation
 
 __all__ = ["commands"]
 
@@ -74,12 +77,17 @@ def feel(
         raise ValueError(f"{len(names)} ways of rendering are too many for a picture; at most {MOST_WAYS} are possible")
     outline, transducers = read_outline(source), load_array(array) or TransducerArray.grid()
     ears = load_listeners(listeners)
-    cycles = {name: Renderer(transducers, name, method).render(outline) for name in names}
+    cycles: dict[str, Cycle] = {}
+    for name in names:
+        renderer = Renderer(transducers, name, method)
+        shown = f"{AUTO}: {described(renderer.way_for(outline))}" if name == AUTO else name
+        cycles[shown] = renderer.render(outline)
     with loading():
         from ..feel.exposure import NOTE
         from ..hil.sensing import sense, skin_over
         from ..hil.sensing_picture import save_sensation_picture
-    hand, found = skin_over(outline), {}
+    hand = skin_over(outline)
+    found: dict[str, Sensation] = {}
     with error_console().status("playing") as status:
         for name, cycle in cycles.items():
             status.update(f"playing {name}")
@@ -99,42 +107,26 @@ def feel(
         {
             "format": "phasewire-feel-1",
             "source": source,
-            "ways": {name: _record(sensed) for name, sensed in found.items()},
+            "ways": {name: sensed.record() for name, sensed in found.items()},
             "exposure_note": NOTE,
         },
     )
 
 
-def _print(out: Console, found: dict[str, Any]) -> None:
+def _print(out: Console, found: dict[str, Sensation]) -> None:
     """A table of all ways: intensity over the threshold, share of skin, what is heard, ultrasound, power."""
     table = Table(
         "way",
         *(Column(header, justify="right") for header in ("felt, ×", "skin, %", "dB(A)", "dB SPL", "W")),
     )
     for name, sensed in found.items():
-        row = _record(sensed)
+        intensity = sensed.felt.intensity
         table.add_row(
             name,
-            f"{row['strongest_over_threshold']:.1f}",
-            f"{row['felt_share'] * 100:.0f}",
-            f"{row['heard_dba']:.0f}",
-            f"{row['exposure_greatest_db']:.1f}",
-            f"{row['acoustic_w']:.1f}",
+            f"{intensity.max():.1f}",
+            f"{(intensity >= 1).mean() * 100:.0f}",
+            f"{sensed.sound.levels_dba.max():.0f}",
+            f"{sensed.exposure.greatest_db.max():.1f}",
+            f"{sensed.power.acoustic:.1f}",
         )
     out.print(table)
-
-
-def _record(sensed: Any) -> dict[str, float | bool]:
-    """A way's numbers."""
-    return {
-        "cycle_hz": sensed.cycle.frequency,
-        "strongest_over_threshold": float(sensed.felt.intensity.max()),
-        "felt_share": float((sensed.felt.intensity >= 1).mean()),
-        "heard_dba": float(sensed.sound.levels_dba.max()),
-        "exposure_greatest_db": float(sensed.exposure.greatest_db.max()),
-        "exposure_mean_db": float(sensed.exposure.mean_db.max()),
-        "acoustic_w": sensed.power.acoustic,
-        "focal_peak_pa": sensed.validity.peak,
-        "focal_bound_pa": sensed.validity.bound,
-        "linear": sensed.validity.linear,
-    }

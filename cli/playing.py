@@ -19,17 +19,29 @@ from rich.segment import ControlType
 
 from ..errors import DeviceError
 from ..host.lines.opening import DEFAULT_URL
+from ..host.playing.calibration import Calibration
 from ..host.playing.cycles import play_cycle
 from ..host.playing.device import Device, open_device
 from ..host.playing.envelopes import sine
-from ..host.playing.frames import LoopedFrames, beginning, differences, interpolated_frames, limited_frames, to_pulses
-from ..host.playing.recording import SUFFIX, record
+from ..host.playing.frames import (
+    Frames,
+    LoopedFrames,
+    beginning,
+    differences,
+    interpolated_frames,
+    limited_frames,
+    to_pulses,
+)
+from ..host.playing.limiting import TurnedDown
+from ..host.playing.recording import SUFFIX, Recording, record
 from ..host.playing.streaming import LOOK_AHEAD_SECONDS, StreamReport
 from ..protocol.board import CARRIER_HZ
 from ..protocol.plain import plain
 from ..protocol.replies import Info
-from ..solver import Medium, Renderer, TransducerArray
+from ..solver import Cycle, Medium, Outline, Renderer, TransducerArray
 from ..solver.methods.methods import METHODS
+from ..solver.rendering.cycle import MOST_FRAMES
+from ..solver.rendering.ways import AUTO, described
 from ..solver.shapes.point_files import POINT_FILES
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, given, write_json
@@ -60,6 +72,8 @@ SECONDS = 1.0
 """How long endless content plays by default."""
 TACTILE_HZ = 200.0
 MOST_TURNS = CARRIER_HZ / 2
+RENDERED = " --render "
+"""Between source and way in the description of a recording that was rendered."""
 
 SourceArgument = Annotated[
     str,
@@ -267,24 +281,24 @@ def stream(
         check_options(context, source, what)
         if render is not None:
             check_render(context, "modulation", "spin", "interpolate")
+        if envelope is not None and not given(context, "modulation") and is_rendered(what):
+            envelope = None
+            error_console().print(f"{source} was rendered and is modulated already; the device leaves it as it is")
         with ExitStack() as stack:
             url, emulator = stack.enter_context(viewed_device(device, wanted=view))
             opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
             check_fit(source, what, opened.info)
             warn_of_differences(source, what.array, what.medium, opened.info)
             transducers = array_of(opened.info, own)
-            limit = limiter(transducers, max_exposure, listeners)
+            down = TurnedDown(limiter(transducers, max_exposure, listeners))
             if render is None:
-                pace = rate or what.rate or RATE
-                frames = frames_of(what, transducers, method, spin, pace)
-                if interpolate:
-                    frames, pace = interpolated_frames(frames, pace, opened.calibration, limit), float(CARRIER_HZ)
-                elif limit is not None:
-                    frames = limited_frames(frames, opened.calibration, limit)
+                frames, pace = solved_frames(
+                    what, transducers, opened.calibration, down, method, spin, rate, interpolate=interpolate
+                )
             else:
-                cycle = Renderer(transducers, render, method).render(read_outline(source))
+                cycle = rendered(transducers, render, method, read_outline(source))
                 pace = rate or CARRIER_HZ / cycle.hold
-                frames = LoopedFrames(cycle, pace, opened.calibration, limit=limit)
+                frames = LoopedFrames(cycle, pace, opened.calibration, down=down)
                 envelope = sine(cycle.envelope) if cycle.envelope else None
             most = None if forever else frames_in(what, seconds, pace)
             if most is not None:
@@ -312,8 +326,10 @@ def stream(
             finally:
                 meter.end()
             status = opened.status()
+    if max_exposure is not None:
+        console_for(json_target).print(kept(max_exposure, down.gain))
     console_for(json_target).print("The outputs are off.")
-    write_json(json_target, told | {"stream": plain(meter.last), "status": plain(status)})
+    write_json(json_target, told | {"exposure_gain": down.gain, "stream": plain(meter.last), "status": plain(status)})
 
 
 @commands.command(
@@ -370,7 +386,7 @@ def play(
         stack.enter_context(leaving_on(opened) if unattended else opened)
         transducers = array_of(opened.info, own)
         way = render or f"{SQUARE},frequency={modulation}"
-        cycle = Renderer(transducers, way, method, most_frames=opened.info.slots).render(outline)
+        cycle = rendered(transducers, way, method, outline, opened.info.slots)
         watch = stack.enter_context(watching(opened, transducers, emulator, wanted=view))
         limit = limiter(transducers, max_exposure, listeners)
         ack, steps, gain = play_cycle(opened, cycle, unattended=unattended, limit=limit)
@@ -446,24 +462,19 @@ def record_command(
         check_options(context, source, what)
         used = what.array or own or TransducerArray.grid()
         corrected = load_calibration(calibration) if what.holds_drives else what.calibration
-        limit = limiter(used, max_exposure, listeners)
+        down = TurnedDown(limiter(used, max_exposure, listeners))
         if render is None:
-            pace = rate or what.rate or RATE
-            frames = frames_of(what, used, method, spin, pace)
-            if interpolate:
-                frames, pace = interpolated_frames(frames, pace, corrected, limit), float(CARRIER_HZ)
-            elif limit is not None:
-                frames = limited_frames(frames, corrected, limit)
+            frames, pace = solved_frames(what, used, corrected, down, method, spin, rate, interpolate=interpolate)
         else:
             check_render(context, "spin", "interpolate")
-            cycle = Renderer(used, render, method).render(read_outline(source))
+            cycle = rendered(used, render, method, read_outline(source))
             if cycle.envelope:
                 raise ValueError(
                     f"--render {render} leaves its modulation to the device, and a recording holds frames alone; leave "
                     "modulation out, and give --modulation to `phasewire stream`"
                 )
             pace = rate or CARRIER_HZ / cycle.hold
-            frames = LoopedFrames(cycle, pace, corrected, limit=limit)
+            frames = LoopedFrames(cycle, pace, corrected, down=down)
         most = frames_in(what, seconds, pace)
         written = record(
             output,
@@ -472,10 +483,45 @@ def record_command(
             array=used,
             medium=what.medium,
             calibration=corrected,
-            source=source,
+            source=source if render is None else f"{source}{RENDERED}{render}",
         )
     console_for(json_target).print(f"{output}: {written} frames at {pace:g}/s.")
-    write_json(json_target, {"format": "phasewire-record-1", "output": str(output), "frames": written, "rate": pace})
+    if max_exposure is not None:
+        console_for(json_target).print(kept(max_exposure, down.gain))
+    told = {"format": "phasewire-record-1", "output": str(output), "frames": written, "rate": pace}
+    write_json(json_target, told | {"exposure_gain": down.gain})
+
+
+def solved_frames(
+    what: Source,
+    array: TransducerArray,
+    calibration: Calibration | None,
+    down: TurnedDown,
+    method: str,
+    spin: float,
+    rate: float | None,
+    *,
+    interpolate: bool,
+) -> tuple[Frames, float]:
+    """The frames of a source and their rate; if asked, led over into each other or turned down."""
+    pace = rate or what.rate or RATE
+    frames = frames_of(what, array, method, spin, pace)
+    if interpolate:
+        return interpolated_frames(frames, pace, calibration, down), float(CARRIER_HZ)
+    return limited_frames(frames, calibration, down) if down.limits else frames, pace
+
+
+def rendered(array: TransducerArray, way: str, method: str, outline: Outline, most_frames: int = MOST_FRAMES) -> Cycle:
+    """The cycle of an outline; if the way is chosen, people are told which it is."""
+    renderer = Renderer(array, way, method, most_frames=most_frames)
+    if way == AUTO:
+        error_console().print(f"{AUTO} is {described(renderer.way_for(outline))}")
+    return renderer.render(outline)
+
+
+def is_rendered(what: Source) -> bool:
+    """Whether a recording was made by a way of rendering."""
+    return isinstance(what.content, Recording) and RENDERED in what.content.source
 
 
 def check_render(context: typer.Context, *options: str) -> None:

@@ -39,6 +39,10 @@ NOTE = (
 )
 
 
+TRANSITION_DB = 1.0
+"""By how much sound may be louder while one drive follows another: of two halves that are switched it was 0.8 dB."""
+
+
 class ExposureLimit(NamedTuple):
     """A published limit at 40 kHz."""
 
@@ -101,6 +105,16 @@ class Exposure:
     greatest_db: NDArray[np.float64]
     mean_db: NDArray[np.float64]
     bounded: NDArray[np.bool_]
+
+    def record(self) -> dict[str, object]:
+        """Its levels at each place for JSON, and the limits that are exceeded."""
+        return {
+            "at_m": self.at.tolist(),
+            "greatest_db": self.greatest_db.tolist(),
+            "mean_db": self.mean_db.tolist(),
+            "is_bound": self.bounded.tolist(),
+            "exceeded": [limit._asdict() for limit in self.exceeded],
+        }
 
     @property
     def exceeded(self) -> tuple[ExposureLimit, ...]:
@@ -182,13 +196,13 @@ def exposure_limit(
     Notes
     -----
     A drive is judged in its steady state. While one follows another, some transducers' sound of the old one arrives
-    together with others' of the new one: that mixture may be about a decibel louder than both. `Exposure.gain` of the
-    emitted waves counts it.
+    together with others' of the new one, and that mixture may be louder than both: `TRANSITION_DB` are kept for it.
+    `Exposure.gain` of the emitted waves counts it exactly.
     """
     if not math.isfinite(limit_db):
         raise ValueError(f"an exposure limit of {limit_db} dB must be finite, such as 110")
     points = as_places(seated(array) if at is None else at)
-    allowed = 10 ** ((limit_db - float(sound_pressure_level(1.0))) / 20)  # Pa
+    allowed = 10 ** ((limit_db - TRANSITION_DB - float(sound_pressure_level(1.0))) / 20)  # Pa
     relative = (responses(array, points, as_medium(medium)).T / allowed).astype(np.complex64)
     return lambda drives: 1 / max(1.0, float(np.abs(as_waves(array, drives, "drives") @ relative).max()))
 

@@ -11,7 +11,7 @@ is a loudspeaker. That a switch of phases lets the amplitude of a resonance dip 
 
 Left out, with their size: skin that moves by 1 to 3 µm over 1 cm² at 200 Hz radiates 0 to 10 dB SPL at 0.6 m. The beam
 after it met a hand may be as loud as before. The radiation pressure of ultrasound on the eardrum itself, p²/(ρc²) of
-the peak p, sounds like up to 26 dB SPL if 110 dB of ultrasound are switched on and off, and like 74 dB at 134 dB: how
+the peak p, sounds like up to 23 dB SPL if 110 dB of ultrasound are switched on and off, and like 71 dB at 134 dB: how
 much of it gets through the ear canal is not known. Distortion within transducers is not published.
 """
 
@@ -117,7 +117,13 @@ class Audible:
     @property
     def levels_dba(self) -> NDArray[np.float64]:
         """The A-weighted level of all parts, (j,) in dB re 20 µPa. Their powers add up: their phases are not known."""
-        return np.asarray(10 * np.log10(sum(10 ** (self.weighted(part) / 10) for part in PARTS)))
+        with np.errstate(divide="ignore"):
+            return np.asarray(10 * np.log10(sum(10 ** (self.weighted(part) / 10) for part in PARTS)))
+
+    def record(self) -> dict[str, list[float | None]]:
+        """Its levels at each place for JSON, in dB(A); None for silence."""
+        levels = {"dba": self.levels_dba} | {f"{part}_dba": self.weighted(part) for part in PARTS}
+        return {name: [float(each) if np.isfinite(each) else None for each in of] for name, of in levels.items()}
 
     def strongest(self, place: int, count: int = 5) -> list[tuple[float, str, float]]:
         """The loudest tones at a place: frequency in Hz, part, and A-weighted level in dB, the loudest first."""
@@ -132,6 +138,8 @@ class Audible:
 
     def __str__(self) -> str:
         loudest = int(self.levels_dba.argmax())
+        if not np.isfinite(self.levels_dba[loudest]):
+            return "nothing is heard"
         parts = ", ".join(f"{part} {self.weighted(part)[loudest]:.0f}" for part in PARTS)
         return f"{self.levels_dba[loudest]:.0f} dB(A) at the loudest place: {parts}"
 
@@ -209,6 +217,8 @@ def audible(
     spectrum = scipy.fft.rfft(power_over_time(array, emitted, medium))
     factor = -NONLINEARITY / (4 * math.pi * medium.speed_of_sound**3) * (2 * np.pi * frequency) ** 2
     along = np.stack([np.interp(frequency, coarse, row) for row in _beam(array, points, medium, reach, coarse)])
+    late = np.linalg.norm(points - array.positions.mean(axis=0), axis=1)[:, None] / medium.speed_of_sound
+    along *= np.exp(-2j * np.pi * frequency * late)  # not interpolated: far away it turns fast
     low, made = (scipy.fft.irfft(np.where(heard, part, 0), steps) for part in (linear, spectrum * factor * along))
     return Audible(np.asarray(low), np.asarray(made), medium.frequency)
 
@@ -247,19 +257,20 @@ def _beam(
     reach: float,
     frequency: NDArray[np.float64],
 ) -> NDArray[np.complex128]:
-    """The integral along the beam of e^{−iω(s + R)/c}·D/R, (j, f)."""
+    """The integral along the beam of e^{−iω(s + R − R₀)/c}·D/R, (j, f); R₀ is the distance from the array's middle."""
     normal = array.normals.mean(axis=0)
     normal = normal / max(float(np.linalg.norm(normal)), 1e-9)
     offset, radius = points - array.positions.mean(axis=0), aperture_radius(array)
     height = offset @ normal
     aside = np.maximum(np.linalg.norm(offset - np.outer(height, normal), axis=1), radius)
+    late = np.linalg.norm(offset, axis=1)
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     at = (nodes + 1) * reach / 2
     distance = np.hypot(aside[:, None], height[:, None] - at)
     wavenumber = 2 * np.pi * frequency[:, None, None] / medium.speed_of_sound
     argument = np.maximum(wavenumber * radius * aside[:, None] / distance, 1e-9)
     spread = 2 * scipy.special.j1(argument) / argument
-    waves = np.exp(-1j * wavenumber * (at + distance)) * spread / distance
+    waves = np.exp(-1j * wavenumber * (at + distance - late[:, None])) * spread / distance
     return np.asarray((waves @ weights).T * reach / 2)
 
 

@@ -110,6 +110,19 @@ class FeltMap(Drawable):
             found = np.maximum(found, np.sqrt(_summed(power, self.places, channel.area)))
         return found
 
+    def record(self) -> dict[str, object]:
+        """Its numbers for JSON: intensities and levels are multiples of the threshold."""
+        here = self.strongest
+        return {
+            "strongest": float(self.intensity[here]),
+            "strongest_at_m": self.places.positions[here].tolist(),
+            "channels": {
+                channel.name: float(level) for channel, level in zip(TOUCH_CHANNELS, self.levels[:, here], strict=True)
+            },
+            "places": len(self.intensity),
+            "felt_places": int((self.intensity >= 1).sum()),
+        }
+
     def summary(self) -> str:
         """A few lines for people."""
         here, level = self.strongest, self.levels[:, self.strongest]

@@ -116,6 +116,15 @@ class RadiatedPower:
     switching: float
     skin: float
 
+    def record(self) -> dict[str, float]:
+        """Its numbers for JSON, in watts."""
+        return {
+            "acoustic_w": self.acoustic,
+            "greatest_w": self.greatest,
+            "switching_w": self.switching,
+            "skin_w": self.skin,
+        }
+
     def __str__(self) -> str:
         return (
             f"{self.acoustic:.3g} W of sound on average, {self.greatest:.3g} W at most, from at least "

@@ -5,6 +5,7 @@ The cycle goes the whole way: pulses, blocks, five emulated boards, bits. `feel`
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..feel.power import RadiatedPower, radiated_power
 from ..feel.unfolding import SkinPlaces, Unfolded
 from ..host import open_device
 from ..host.playing.cycles import play_cycle
+from ..host.playing.envelopes import sine
 from ..solver import Cycle, Hand, Medium, Outline, TransducerArray, transfer_matrix
 from ..solver.fields.validity import Validity, validity
 from .emission import emitted_waves
@@ -28,7 +30,11 @@ LEAST_PERIODS = 4000
 """0.1 s: of a stretch that is judged, at least; it is a whole number of cycles."""
 SETTLED_PERIODS = 400
 """10 ms, after which the resonances have forgotten how it began."""
+MOST_PERIODS = 80_000
+"""2 s: a cycle and its envelope that do not meet within this are cut."""
 TRIES = 10
+EARS = 2
+"""Of the places of `seated`, the first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +64,18 @@ class Sensation:
     power: RadiatedPower
     validity: Validity
 
+    def record(self) -> dict[str, object]:
+        """All numbers for JSON."""
+        return {
+            "cycle_hz": self.cycle.frequency,
+            "frames": len(self.cycle),
+            "felt": self.felt.record(),
+            "sound": self.sound.record(),
+            "exposure": self.exposure.record(),
+            "power": self.power.record(),
+            "validity": self.validity.record(),
+        }
+
 
 def skin_over(outline: Outline) -> Unfolded:
     """A flat hand whose palm lies over the middle of an outline, facing the array."""
@@ -80,7 +98,8 @@ def sense(
     places : SkinPlaces
         k places of skin.
     listeners : (j, 3) float, optional
-        Places of ears, in metres; those of a `seated` person by default.
+        Places, in metres, at which sound and ultrasound are judged; by default the ears of a `seated` person, and for
+        ultrasound the nose as well.
     array : TransducerArray, optional
         By default that of the boards.
     medium : Medium, optional
@@ -92,8 +111,9 @@ def sense(
         If the cycle does not fit the device, or as `feel`.
     """
     array, medium = array or TransducerArray.grid(), medium or Medium()
-    at = seated(array) if listeners is None else listeners
-    periods, every = _stretch(cycle.periods)
+    head = seated(array)
+    ears, exposed = (head[:EARS], head) if listeners is None else (listeners, listeners)
+    periods, every = _stretch(cycle)
     with Emulator() as emulator, open_device(emulator.url) as device:
         device.set_watchdog(60.0)
         first = play_cycle(device, cycle).ack.commit_period + SETTLED_PERIODS
@@ -104,21 +124,25 @@ def sense(
     return Sensation(
         cycle,
         felt,
-        audible(array, emitted.waves, emitted.pulses, at, medium),
-        exposure_at(array, emitted.waves, at, medium),
+        audible(array, emitted.waves, emitted.pulses, ears, medium),
+        exposure_at(array, emitted.waves, exposed, medium),
         radiated_power(array, emitted.waves, medium),
         validity(array, peak, where, medium),
     )
 
 
-def _stretch(cycle: int) -> tuple[int, int]:
-    """Carrier periods to judge of a cycle of so many, and every how many of them its pressure is taken."""
-    least = -(-LEAST_PERIODS // cycle)
+def _stretch(cycle: Cycle) -> tuple[int, int]:
+    """Carrier periods to judge of a cycle, with its envelope, and every how many of them its pressure is taken."""
+    whole = cycle.periods
+    if cycle.envelope:
+        envelope = sine(cycle.envelope)
+        whole = min(math.lcm(whole, len(envelope.samples) * envelope.hold), max(MOST_PERIODS // whole, 1) * whole)
+    least = -(-LEAST_PERIODS // whole)
     choices = [
-        (every, -count * cycle)
+        (every, -count * whole)
         for count in range(least, least + TRIES)
         for every in range(1, EVERY + 1)
-        if count * cycle % every == 0
+        if count * whole % every == 0
     ]
     every, periods = max(choices)
     return -periods, every

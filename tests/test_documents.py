@@ -85,7 +85,7 @@ def test_the_commands_of_the_first_steps_run(tmp_path: Path, monkeypatch: pytest
     monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
     shown = re.findall(r"^\.venv/bin/phasewire (.*?)(?: +#.*)?$", README + FIRST_STEPS, re.MULTILINE)
     commands = list(dict.fromkeys(shown))  # each once, in order
-    assert len(commands) == 19
+    assert len(commands) == 20
     for command in commands:
         arguments = shlex.split(command)
         if "--umockdev" in arguments and shutil.which("umockdev-wrapper") is None:

@@ -15,7 +15,9 @@ import phasewire as pw
 import pytest
 from phasewire import Emulator, Medium, Solution, TransducerArray
 from phasewire.protocol import board
+from phasewire.protocol.codes import SLOTS
 from phasewire.solver.methods.options import PHASE_LEVELS
+from phasewire.solver.rendering.cycle import MOST_FRAMES
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("protocol", "solver", "host", "emulator", "hil", "feel", "view")
@@ -30,6 +32,10 @@ def test_the_solver_s_default_array_is_the_board_s() -> None:
 
 def test_the_solver_s_default_carrier_is_the_board_s() -> None:
     assert Medium().frequency == board.CARRIER_HZ
+
+
+def test_a_cycle_has_as_many_frames_as_a_device_has_slots() -> None:
+    assert MOST_FRAMES == SLOTS
 
 
 def test_a_polished_drive_has_the_phases_of_a_pulse() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ...protocol.codes import StatusFlag
 from ...protocol.replies import Ack
 from ...solver import Cycle
 from .device import Device
@@ -11,6 +12,10 @@ from .envelopes import sine
 from .limiting import Limit, pulses_within
 
 __all__ = ["PlayedCycle", "play_cycle"]
+
+
+SILENT_SECONDS = 1e-3
+"""After which a device plays nothing for certain and its slots are free: silence begins within some carrier periods."""
 
 
 class PlayedCycle(NamedTuple):
@@ -26,6 +31,8 @@ class PlayedCycle(NamedTuple):
 
 def play_cycle(device: Device, cycle: Cycle, *, unattended: bool = False, limit: Limit | None = None) -> PlayedCycle:
     """Store a cycle's frames in a device, which then repeats them; its `envelope` becomes the device's modulation.
+
+    A sequence that plays falls silent first, and a modulation ends.
 
     Parameters
     ----------
@@ -45,6 +52,12 @@ def play_cycle(device: Device, cycle: Cycle, *, unattended: bool = False, limit:
     DeviceRefusedError
         If the device refuses it.
     """
+    before = device.status().flags
+    if before & StatusFlag.SEQUENCE:  # what plays cannot be overwritten
+        device.silence()
+        device.time.sleep(SILENT_SECONDS)
+    if before & StatusFlag.MODULATION:
+        device.end_modulation()
     frames, steps = cycle.slots()
     pulses, gain = pulses_within(frames, device.calibration, limit)
     for slot in range(len(frames)):

@@ -22,7 +22,7 @@ from ...protocol.quantise import PulseFrames, check_pulses, quantise
 from ...protocol.replies import Info
 from ...solver import Completion, ControlPoints, Cycle, Medium, Quieting, Solution, Solver, TransducerArray
 from .calibration import Calibration
-from .limiting import Limit, pulses_within
+from .limiting import TurnedDown
 
 __all__ = [
     "Frame",
@@ -99,13 +99,8 @@ class LoopedFrames:
         Of the device, applied to the drives.
     frames : int
         After which it ends.
-    limit : callable, optional
-        That what is emitted must keep.
-
-    Attributes
-    ----------
-    gain : float
-        The factor by which the limit has turned the drives down.
+    down : TurnedDown, optional
+        By a limit that what is emitted must keep.
 
     Raises
     ------
@@ -119,9 +114,9 @@ class LoopedFrames:
         rate: float,
         calibration: Calibration | None = None,
         frames: int = sys.maxsize,
-        limit: Limit | None = None,
+        down: TurnedDown | None = None,
     ) -> None:
-        self._pulses, self.gain = pulses_within(cycle.drives, calibration, limit)
+        self._pulses = (down or TurnedDown(None)).pulses(cycle.drives, calibration)
         self._frames = frames
         self._cycle_frames_per_frame = cycle.carrier / rate / cycle.hold
 
@@ -187,12 +182,12 @@ def to_pulses(frame: Frame, calibration: Calibration | None, channels: int) -> P
 
 
 def interpolated_frames(
-    frames: Frames, rate: float, calibration: Calibration | None, limit: Limit | None = None
+    frames: Frames, rate: float, calibration: Calibration | None, down: TurnedDown
 ) -> Iterator[Pulses]:
     """Frames of drives, led over into each other: the pulses of every carrier period.
 
     Each frame is complete at the end of its time, phase by the shorter way, so it is late by as much. It begins in
-    silence. What a limit has turned down stays down.
+    silence.
 
     Parameters
     ----------
@@ -202,8 +197,8 @@ def interpolated_frames(
         Frames per second; each lasts the nearest whole number of carrier periods.
     calibration : Calibration, optional
         Of the device.
-    limit : callable, optional
-        That what is emitted must keep.
+    down : TurnedDown
+        By a limit that what is emitted must keep.
 
     Raises
     ------
@@ -212,30 +207,26 @@ def interpolated_frames(
     """
     periods = max(round(CARRIER_HZ / rate), 1)
     quieting: Quieting | None = None
-    gain = 1.0
     for number, drive in _drives_of(frames):
         if quieting is None:
             quieting = Quieting(len(drive), Completion(periods, periods))
         led = quieting.follow(np.broadcast_to(drive.astype(np.complex64), (periods, len(drive))))
         with _naming(number):
-            pulses, factor = pulses_within(led * np.float32(gain), calibration, limit)
-        gain *= factor
+            pulses = down.pulses(led, calibration)
         yield from (pulses.pulses(period) for period in range(periods))
 
 
-def limited_frames(frames: Frames, calibration: Calibration | None, limit: Limit) -> Iterator[Pulses]:
-    """The pulses of frames of drives, turned down so far that each keeps a limit; once down, they stay down.
+def limited_frames(frames: Frames, calibration: Calibration | None, down: TurnedDown) -> Iterator[Pulses]:
+    """The pulses of frames of drives, turned down so far that each keeps a limit.
 
     Raises
     ------
     ValueError
         If the frames hold pulses, or as `to_pulses`; the frame is named.
     """
-    gain = 1.0
     for number, drive in _drives_of(frames):
         with _naming(number):
-            pulses, factor = pulses_within(drive[None] * np.float32(gain), calibration, limit)
-        gain *= factor
+            pulses = down.pulses(drive[None], calibration)
         yield pulses.pulses(0)
 
 

@@ -14,7 +14,7 @@ from ...protocol.pulses import Pulses
 from ...protocol.quantise import PulseFrames, quantise
 from .calibration import Calibration
 
-__all__ = ["SHORTEST_PULSE", "Limit", "pulses_within"]
+__all__ = ["SHORTEST_PULSE", "Limit", "TurnedDown", "pulses_within"]
 
 Limit: TypeAlias = Callable[[NDArray[np.complexfloating]], float]
 """From the emissions (k, n) of frames to the factor, at most 1, with which all of them keep a limit; such as
@@ -61,6 +61,35 @@ def pulses_within(
         if (factor := limit(emitted if calibration is None else emitted * calibration.response)) >= 1:
             return pulses, gain
         gain *= min(factor, TURN_DOWN)
+
+
+class TurnedDown:
+    """Frames one after the other that keep a limit; what was turned down stays down, so that no frame is a jump.
+
+    Parameters
+    ----------
+    limit : callable, optional
+        See `Limit`.
+
+    Attributes
+    ----------
+    gain : float
+        The factor by which frames are turned down now, 1 for not at all.
+    """
+
+    def __init__(self, limit: Limit | None) -> None:
+        self._limit, self.gain = limit, 1.0
+
+    @property
+    def limits(self) -> bool:
+        """Whether there is a limit."""
+        return self._limit is not None
+
+    def pulses(self, drives: NDArray[np.complexfloating], calibration: Calibration | None) -> PulseFrames:
+        """The pulses of the next drives, (k, n); as `pulses_within`."""
+        pulses, factor = pulses_within(drives * np.float32(self.gain), calibration, self._limit)
+        self.gain *= factor
+        return pulses
 
 
 @cache

@@ -10,7 +10,6 @@ from ...compiling import kernel, part
 __all__ = ["follow"]
 
 TURN = 2 * math.pi
-SILENT = 1e-9
 
 
 @part
@@ -22,7 +21,7 @@ def _turned(phase: float, towards: float) -> float:
 @kernel
 def follow(
     wanted: Any, amplitude_periods: int, phase_periods: int, amplitude_rate: float, phase_rate: float,
-    targets: Any, state: Any, steps: Any, drives: Any,
+    silent: float, targets: Any, state: Any, steps: Any, drives: Any,
 ) -> None:  # fmt: skip
     """Write what is emitted in place of wanted drives.
 
@@ -34,6 +33,8 @@ def follow(
         In which a change is completed; 0 if rates limit it.
     amplitude_rate, phase_rate : float
         Greatest change in a period, phase in radians; heeded if the periods are 0.
+    silent : float
+        Below this an amplitude is silence, which has no phase.
     targets : (n,) complex64
         The drives that were wanted last; changed.
     state, steps : (2, n) float64
@@ -52,7 +53,7 @@ def follow(
                 aim, aim_amplitude = now, abs(now)
                 if aim_amplitude > 0:  # silence has no phase
                     aim_phase = math.atan2(now.imag, now.real)
-                if amplitude < SILENT:
+                if amplitude < silent:
                     phase = aim_phase
                 rise, turn = amplitude_rate, phase_rate
                 if amplitude_periods:

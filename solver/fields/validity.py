@@ -146,13 +146,15 @@ def validity(array: TransducerArray, peak: float, at: ArrayLike, medium: Medium 
     (D. R. Bacon, Ultrasound Med. Biol. 10, 189, 1984; IEC 61949:2007). The fundamental is then p_m·`fundamental`(σ),
     and tends to 2·p_m/σ, whatever p_m. Sound absorbed on the way pushes air: without friction u²/2 = (2α/(ρc))·∫ I dz
     from the array to the focus. All are estimates for one focus: a field of several has less of each, and a bound is no
-    target: near it most energy is in harmonics.
+    target: near it most energy is in harmonics. Nearer than the disc's radius waves come from the side and on longer
+    ways; a focus there is judged as one at that distance.
     """
     if not 0 <= peak < math.inf:
         raise ValueError(f"a focal pressure of {peak} Pa must be at least 0 and finite")
     medium = as_medium(medium)
-    way = float(np.linalg.norm(np.asarray(at, np.float64) - array.positions.mean(axis=0)))
-    gain = max(medium.wavenumber * aperture_radius(array) ** 2 / (2 * way), 1 + 1e-9)
+    radius = aperture_radius(array)
+    way = max(float(np.linalg.norm(np.asarray(at, np.float64) - array.positions.mean(axis=0))), radius)
+    gain = max(medium.wavenumber * radius**2 / (2 * way), 1 + 1e-9)
     root = math.sqrt(gain**2 - 1)
     each = _steepening(medium) * way * math.asinh(root) / root
     lost = 2 * medium.absorption / DECIBELS_PER_NEPER

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,11 +72,6 @@ class Cycle:
             else:
                 steps.append((row, self.hold))
         return frozen(np.frombuffer(b"".join(rows), np.complex64).reshape(len(rows), -1)), tuple(steps)
-
-    def frames(self, rate: float) -> Iterator[NDArray[np.complex64]]:
-        """Frames of a stream without end, (n,) each, at a rate in frames per second, without the `envelope`."""
-        for number in count():
-            yield self.drives[int(number * self.carrier / rate / self.hold) % len(self)]
 
     def expanded(self, periods: int) -> NDArray[np.complex64]:
         """The drive of each of so many carrier periods, (periods, n), with the `envelope`."""

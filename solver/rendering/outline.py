@@ -30,6 +30,10 @@ JUMP = 2.5
 """Points whose distance is more than this many times the usual one, and `SPACING`, are on different strokes."""
 WIDEST_GAP = 3 * SPACING
 """Points farther apart than this, in metres, make no line."""
+SAME = 1e-9
+"""Distance in metres within which two vertices are one."""
+ALONE = 5e-3
+"""Length in metres of the line for which a focus would need as long as it rests at a point that is felt alone."""
 CORNER = math.radians(30)
 """Turn of a stroke from which on it has a corner there."""
 
@@ -54,6 +58,10 @@ class Outline:
     points: ControlPoints
     ids: NDArray[np.int64] | None = None
 
+    def __post_init__(self) -> None:
+        """Leave out vertices that repeat the one before: they have no direction."""
+        object.__setattr__(self, "strokes", tuple(_without_repeats(stroke) for stroke in self.strokes))
+
     @classmethod
     def of(cls, what: Wanted | Touch) -> Self:
         """The outline of a shape, of control points, or of what hands touch.
@@ -69,7 +77,7 @@ class Outline:
         if isinstance(what, Touch):
             if what.points is None:
                 raise ValueError("the hands touch nothing, so there is nothing to render")
-            return cls(tuple(_without_repeats(arc) for arc in what.arcs), what.points, what.ids)
+            return cls(tuple(what.arcs), what.points, what.ids)
         if isinstance(what, Drawn):
             return cls(tuple(_strokes(what.parts)), what.sample())
         points = control_points(what)
@@ -99,11 +107,11 @@ class Outline:
         nearest = np.linalg.norm(offset - along[..., None] * way, axis=2).argmin(axis=1)
         return frozen(way[nearest])
 
-    def walk(self, count: int, speed: float, pause: float = 0.0) -> NDArray[np.float64]:
+    def walk(self, count: int, speed: float, pause: float = 0.0, *, back: bool = True) -> NDArray[np.float64]:
         """Positions at equal steps of time of a focus that goes once round, (count, 3) in metres.
 
-        It passes every stroke once, from its beginning to its end, and jumps to the next. A single open stroke is
-        passed to and fro.
+        It passes every stroke once, from its beginning to its end, and jumps to the next. At a point that is felt alone
+        it rests for as long as it needs for `ALONE` of a line.
 
         Parameters
         ----------
@@ -113,12 +121,14 @@ class Outline:
             In m/s.
         pause : float
             Seconds for which it rests at each corner and at each end of an open stroke.
+        back : bool
+            Whether a single open stroke is passed to and fro.
         """
         where, when = [], []
         now = 0.0
-        for stroke in self._walked:
+        for stroke in self._walked(back):
             reached = now + np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(stroke, axis=0), axis=1)) / speed])
-            stays = pause * _corners(stroke)
+            stays = _stays(stroke, speed, pause)
             before = np.cumsum(stays) - stays
             where.append(np.repeat(stroke, 2, axis=0))
             when.append(np.stack([reached + before, reached + before + stays], axis=1).ravel())
@@ -127,14 +137,14 @@ class Outline:
         times = now * (np.arange(count) + 0.5) / count
         return np.stack([np.interp(times, knots, vertices[:, axis]) for axis in range(3)], axis=1)
 
-    def round_trip(self, speed: float, pause: float = 0.0) -> float:
+    def round_trip(self, speed: float, pause: float = 0.0, *, back: bool = True) -> float:
         """Seconds in which `walk` goes once round."""
-        length = sum(float(np.linalg.norm(np.diff(stroke, axis=0), axis=1).sum()) for stroke in self._walked)
-        return length / speed + pause * sum(float(_corners(stroke).sum()) for stroke in self._walked)
+        strokes = self._walked(back)
+        length = sum(float(np.linalg.norm(np.diff(stroke, axis=0), axis=1).sum()) for stroke in strokes)
+        return length / speed + sum(float(_stays(stroke, speed, pause).sum()) for stroke in strokes)
 
-    @cached_property
-    def _walked(self) -> tuple[Line, ...]:
-        if len(self.strokes) == 1 and not _is_closed(self.strokes[0]):
+    def _walked(self, back: bool) -> tuple[Line, ...]:
+        if back and len(self.strokes) == 1 and not _is_closed(self.strokes[0]):
             return (np.concatenate([self.strokes[0], self.strokes[0][-2::-1]]),)
         return self.strokes
 
@@ -158,7 +168,7 @@ def _chains(points: ControlPoints) -> Iterator[Line]:
 
 
 def _without_repeats(stroke: Line) -> Line:
-    different = (np.diff(stroke, axis=0) != 0).any(axis=1)
+    different = np.linalg.norm(np.diff(stroke, axis=0), axis=1) > SAME
     return np.asarray(stroke[np.concatenate([[True], different])])
 
 
@@ -166,11 +176,14 @@ def _is_closed(stroke: Line) -> bool:
     return bool(len(stroke) > 2 and np.linalg.norm(stroke[-1] - stroke[0]) <= COINCIDENT * SPACING)
 
 
+def _stays(stroke: Line, speed: float, pause: float) -> NDArray[np.float64]:
+    """Seconds for which a walk rests at each vertex."""
+    return np.array([ALONE / speed]) if len(stroke) == 1 else pause * _corners(stroke)
+
+
 def _corners(stroke: Line) -> NDArray[np.float64]:
     """1 for each vertex at which a walk may rest, else 0: corners, and the ends of an open stroke."""
     rests = np.zeros(len(stroke))
-    if len(stroke) == 1:
-        return rests
     way = np.diff(stroke, axis=0)
     way /= np.linalg.norm(way, axis=1)[:, None]
     rests[1:-1] = np.einsum("ki,ki->k", way[:-1], way[1:]) < math.cos(CORNER)

@@ -26,6 +26,8 @@ __all__ = ["Completion", "Quieting", "Rates", "literal", "quieted"]
 Drives = NDArray[np.complex64]
 SILENT = 1e-9
 """An amplitude below this is what rounding has left of silence."""
+SETTLED, MOST_ROUNDS = 1e-5, 1000
+"""Difference of drives between two rounds below which a cycle repeats itself, and rounds until it does."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ class Quieting:
 
         wanted = np.ascontiguousarray(wanted, np.complex64)
         drives = np.empty_like(wanted)
-        follow(wanted, *self._limits, self._targets, self._state, self._steps, drives)
+        follow(wanted, *self._limits, SILENT, self._targets, self._state, self._steps, drives)
         return drives
 
 
@@ -118,11 +120,20 @@ def quieted(cycle: Cycle, rule: Completion | Rates) -> Cycle:
     """A cycle as it is once it has been repeated often, every change spread by a rule; a frame for each period.
 
     The cycle's own `envelope` stays on top.
+
+    Raises
+    ------
+    ValueError
+        If the rule is so slow that the cycle does not settle.
     """
     quieting = Quieting(cycle.drives.shape[1], rule)
     wanted = np.repeat(cycle.drives, cycle.hold, axis=0)
-    quieting.follow(wanted)
-    return Cycle(quieting.follow(wanted), 1, cycle.envelope, cycle.carrier)
+    drives = quieting.follow(wanted)
+    for _ in range(MOST_ROUNDS):
+        before, drives = drives, quieting.follow(wanted)
+        if np.abs(drives - before).max() < SETTLED:
+            return Cycle(drives, 1, cycle.envelope, cycle.carrier)
+    raise ValueError(f"{rule} is so slow that {cycle} has not settled after it was repeated {MOST_ROUNDS} times")
 
 
 def literal(wanted: Drives, rule: Completion | Rates) -> NDArray[np.complex128]:

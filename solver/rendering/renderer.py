@@ -53,7 +53,7 @@ class Renderer:
         if most_frames < 2:
             raise ValueError(f"most_frames {most_frames} must be at least 2")
         self._way = parse_way(way) if isinstance(way, str) else way
-        if self._way is None or self._way.full:
+        if self._way is None or self._way.phase_only:
             options = {"output": "phase"} | options
         self._solvers = Solvers(
             Solver(array, method, medium=medium, **options),

@@ -10,15 +10,19 @@ stm        one focus, or few, draws the lines, round after round (spatio-tempora
 A way turns an `Outline` into a `Cycle` of drives.
 
 Force follows the intensity. With the envelope ``square``, the paper's, it jumps, and each jump is heard. The envelope
-``sine`` leads over along a cosine instead: `am` by the amplitude, `two-sided` by the phases alone. All ways but those
-are *steady*: every transducer stays at its limit, and its phase moves in steps of a pulse of constant width. So the
-array's power stays the same, and so do the duties of its outputs, which are what is heard otherwise.
+``sine`` leads over along a cosine instead: `am` by the amplitude, `two-sided` by the phases alone.
+
+`lm`, `stm` and `two-sided` with a sine are *steady*: every transducer stays at its limit, and its phase moves in steps
+of a pulse of constant width. So the array's power stays the same, and so do the duties of its outputs, which are heard
+otherwise. If `stm` jumps to another stroke, the phases are led over in `LEAD` seconds.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
@@ -34,6 +38,7 @@ from .cycle import Cycle, timing
 from .outline import Outline
 
 __all__ = [
+    "AUTO",
     "WAYS",
     "Amplitude",
     "Halves",
@@ -42,6 +47,7 @@ __all__ = [
     "Spatiotemporal",
     "Way",
     "chosen",
+    "described",
     "parse_way",
     "way_help",
 ]
@@ -54,6 +60,8 @@ SPEEDS = 0.01, 50.0
 """In m/s."""
 POINT = 5e-3
 """An outline shorter than this, in metres, is felt as a point: a focus is 9 mm wide."""
+LEAD = 2.5e-3
+"""Seconds in which phases are led over at a jump: as from one half to the other at 200 Hz."""
 UPRIGHT = 0.1
 """Sine of the angle between a line and the array's normal below which nothing is across to both."""
 STEPS = PHASE_LEVELS // 2
@@ -92,8 +100,8 @@ class Way(Protocol):
     name: ClassVar[str]
 
     @property
-    def full(self) -> bool:
-        """Whether each transducer is driven at its limit."""
+    def phase_only(self) -> bool:
+        """Whether drives are solved for as phases alone, each transducer at its limit."""
 
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
         """The drives of one cycle."""
@@ -121,8 +129,8 @@ class Amplitude:
         _check_envelope(self)
 
     @property
-    def full(self) -> bool:
-        """Whether each transducer is driven at its limit."""
+    def phase_only(self) -> bool:
+        """Whether drives are solved for as phases alone, each transducer at its limit."""
         return self.envelope == "sine"
 
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
@@ -155,8 +163,8 @@ class Halves:
         _check_envelope(self)
 
     @property
-    def full(self) -> bool:
-        """Whether each transducer is driven at its limit."""
+    def phase_only(self) -> bool:
+        """Whether drives are solved for as phases alone, each transducer at its limit."""
         return self.envelope == "sine"
 
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
@@ -177,13 +185,15 @@ class Halves:
 class Lateral:
     """Lateral modulation: foci move to and fro across their lines, level with the array, and stay on all the time.
 
+    From 10 to 200 Hz a moving focus was felt more strongly than one whose amplitude was modulated at the same
+    frequency and greatest strength (Takahashi, Hasegawa and Shinoda, IEEE Trans. Haptics 13, 334, 2020). At 5 to 15 Hz,
+    with steps below a millimetre, it was felt as steady pressure (Morisaki et al., IEEE Trans. Haptics 15, 441, 2022).
+    With the default reach such steps need 32 frames in a cycle.
+
     Parameters
     ----------
     frequency : float
-        In hertz. At 10 to 200 Hz it is felt more strongly than amplitude modulation of the same strength (Takahashi,
-        Hasegawa and Shinoda, IEEE Trans. Haptics 13, 334, 2020). At 5 to 15 Hz, with steps below a millimetre, it is
-        felt as steady pressure (Morisaki, Fujiwara, Makino and Shinoda, IEEE Trans. Haptics 15, 441, 2022). A line is
-        passed twice a period, so that 100 Hz push it 200 times a second.
+        In hertz. A line is passed twice a period, so that 100 Hz push it 200 times a second.
     reach : float
         How far a focus moves to either side, in metres; by default half of its width, so that it leaves its line.
     """
@@ -199,8 +209,8 @@ class Lateral:
         _check(self, "reach", 1e-4, 0.05)
 
     @property
-    def full(self) -> bool:
-        """Whether each transducer is driven at its limit."""
+    def phase_only(self) -> bool:
+        """Whether drives are solved for as phases alone, each transducer at its limit."""
         return True
 
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
@@ -247,26 +257,32 @@ class Spatiotemporal:
         """Check the ranges."""
         _check(self, "speed", *SPEEDS)
         _check(self, "foci", 1, 16)
+        if not isinstance(self.foci, Integral):
+            raise ValueError(f"stm foci {self.foci} must be a whole number")
         _check(self, "pause", 0, 10)
         if self.modulation:
             _check(self, "modulation", LOWEST, HIGHEST)
 
     @property
-    def full(self) -> bool:
-        """Whether each transducer is driven at its limit."""
+    def phase_only(self) -> bool:
+        """Whether drives are solved for as phases alone, each transducer at its limit."""
         return True
 
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
-        """A drive for each place of the foci; a point has no line to draw, so it is moved as by `Lateral`."""
+        """A drive for each place of the foci; points alone have no line to draw, so they are moved as by `Lateral`."""
         if outline.length < POINT:
             return Lateral().cycle(outline, solvers)
-        frequency = 1 / max(outline.round_trip(self.speed, self.pause), 1 / HIGHEST)
+        back = self.foci == 1  # several would meet on the way to and fro
+        frequency = 1 / max(outline.round_trip(self.speed, self.pause, back=back), 1 / HIGHEST)
         count, hold = timing(frequency, solvers.most_frames, solvers.carrier)
-        line = outline.walk(count, self.speed, self.pause)
+        line = outline.walk(count, self.speed, self.pause, back=back)
         shifts = np.arange(self.foci) * count // self.foci
         places = line[(np.arange(count)[:, None] + shifts) % count]
         drives = solvers.one.follow(places, np.ones(self.foci))
-        return Cycle(steady(drives), hold, self.modulation, solvers.carrier)
+        far = np.linalg.norm(np.roll(places, -1, axis=0) - places, axis=2).max(axis=1)
+        jumps = np.flatnonzero(far > max(POINT, 3 * self.speed * hold / solvers.carrier))
+        led = _led_over(drives, jumps, math.ceil(LEAD * solvers.carrier / hold))
+        return Cycle(steady(led), hold, self.modulation, solvers.carrier)
 
 
 WAYS: dict[str, type[Any]] = {way.name: way for way in (Amplitude, Halves, Lateral, Spatiotemporal)}
@@ -284,8 +300,8 @@ UNITS |= {
 def chosen(outline: Outline) -> Way:
     """The way that ``auto`` means.
 
-    A point is moved to and fro. A single line of 20 to 200 mm is drawn by one focus, which then passes 35 to 350 times
-    a second. All else, such as the several arcs of a hand on an object, is two-sided.
+    A point is moved to and fro. A single line whose length is in `DRAWN` is drawn by one focus. Everything else, such
+    as the several arcs of a hand on an object, is two-sided.
     """
     if outline.length < POINT and len(outline.points) == 1:
         return Lateral()
@@ -311,6 +327,14 @@ def parse_way(text: str) -> Way | None:
     return way
 
 
+def described(way: Way) -> str:
+    """The text that `parse_way` reads as this way."""
+    own: dict[str, Any] = {field.name: getattr(way, field.name) for field in dataclasses.fields(way)}  # type: ignore[arg-type]  # each is a dataclass
+    usual = type(way)()
+    named = ",".join(f"{name}={value}" for name, value in own.items() if value != getattr(usual, name))
+    return f"{way.name}:{named}" if named else way.name
+
+
 def way_help() -> str:
     """One line for each way: its name and its parameters with their defaults."""
     return "\n".join(f"{name}:{written(way)}" for name, way in WAYS.items())
@@ -323,6 +347,26 @@ def steady(drives: NDArray[Any]) -> NDArray[np.complex64]:
     one to the next, and the duty with it: the outputs' sound below the carrier is 3 dB louder then.
     """
     return _at_steps(np.abs(drives), np.angle(drives))
+
+
+def _led_over(drives: NDArray[np.complex64], jumps: NDArray[np.intp], frames: int) -> NDArray[np.complex64]:
+    """Drives of a cycle, (k, n), with the phases after each of some frames led over to those of later ones.
+
+    So many frames around each jump, fewer if the next jump is near, get the phases between both ends, along a cosine.
+    """
+    count, led = len(drives), drives.copy()
+    for jump in jumps:
+        gaps = (jumps - jump) % count
+        nearest = min([count, *gaps[gaps > 0], *(count - gaps[gaps > 0])])
+        around = min(frames, nearest - 1, count - 2) // 2
+        if around < 1:
+            continue
+        first, last = drives[jump - around], drives[(jump + 1 + around) % count]
+        share = (1 - np.cos(np.pi * np.arange(1, 2 * around + 1) / (2 * around + 1))) / 2
+        turn = np.angle(last * np.conj(first))
+        rows = (jump - around + np.arange(1, 2 * around + 1)) % count
+        led[rows] = np.abs(first) * np.exp(1j * (np.angle(first) + share[:, None] * turn))
+    return led
 
 
 def _at_steps(magnitude: NDArray[Any], phase: NDArray[Any]) -> NDArray[np.complex64]:

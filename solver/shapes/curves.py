@@ -62,7 +62,8 @@ class Curve:
     def polyline(self, step: float) -> NDArray[np.float64]:
         """Vertices along the curve, (k, 3), at most ``step`` metres apart, its corners among them."""
         even = np.linspace(0.0, self.length, max(2, math.ceil(self.length / step) + 1))
-        return self.at(np.union1d(even, self.corners))
+        arcs = np.union1d(even, self.corners)
+        return self.at(arcs[np.concatenate([np.diff(arcs) > COINCIDENT * step, [True]])])
 
 
 def ring(x: float, y: float, height: float, radius: float, start: float = 0.0) -> Curve:

@@ -285,6 +285,16 @@ def test_frames_are_led_over_into_each_other(phasewire: Run, files: Path) -> Non
     assert phase == pytest.approx(np.arange(1, 301) / 4, abs=1)
 
 
+def test_a_rendered_recording_is_not_modulated_again(phasewire: Run, files: Path) -> None:
+    phasewire("record", "circle", "-o", "x.frames", "--render", "stm", "--seconds", "0.01")
+    assert "modulated already" in phasewire("stream", "x.frames").err
+    assert "modulated already" not in phasewire("stream", "x.frames", "--modulation", "200").err
+
+
+def test_auto_says_what_it_chose(phasewire: Run) -> None:
+    assert "auto is stm" in phasewire("play", "circle:radius=0.02", "--render", "auto", "--seconds", "0").err
+
+
 def test_a_recording_has_no_room_for_an_envelope(phasewire: Run, files: Path) -> None:
     outcome = phasewire("record", "circle", "-o", "x.frames", "--render", "stm:modulation=200")
     assert outcome.code == 2

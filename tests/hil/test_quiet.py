@@ -7,12 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from phasewire import Capture, Circle, Cycle, Emulator, TransducerArray, open_device, render
-from phasewire.feel.exposure import seated
+from phasewire.feel.exposure import exposure_at, exposure_limit, seated
 from phasewire.feel.hearing import audible
 from phasewire.hil import Playback
 from phasewire.hil.emission import emitted_waves
 from phasewire.host.playing.cycles import play_cycle
+from phasewire.host.playing.limiting import Limit
 from phasewire.solver import Completion, quieted
 
 ARRAY = TransducerArray.grid()
@@ -21,16 +23,17 @@ SETTLED, PERIODS = 400, 4000
 
 
 class Heard(NamedTuple):
-    """A-weighted levels of both parts at the loudest place in dB, and the force's change at 200 Hz, relative."""
+    """A-weighted levels of both parts at each ear in dB, and the force's change at 200 Hz, relative."""
 
-    linear: float
-    demodulated: float
+    linear: NDArray[np.float64]
+    demodulated: NDArray[np.float64]
     force: float
 
     def level(self, force: float) -> float:
-        """The level at another force: one part grows as the drive, the other as its square, like the force."""
+        """The level at the louder ear at another force: one part grows as the drive, the other as the force itself."""
         up = 10 * np.log10(force / self.force)
-        return float(10 * np.log10(10 ** ((self.linear + up) / 10) + 10 ** ((self.demodulated + 2 * up) / 10)))
+        powers = 10 ** ((self.linear + up) / 10) + 10 ** ((self.demodulated + 2 * up) / 10)
+        return float(10 * np.log10(powers.max()))
 
 
 @cache
@@ -40,18 +43,17 @@ def heard(name: str) -> Heard:
     played = quieted(cycle, Completion()) if name == "autd3" else cycle
     bits, first = repeated(played)
     emitted = emitted_waves(bits, ARRAY, first, first + PERIODS)
-    sound = audible(ARRAY, emitted.waves, emitted.pulses, seated(ARRAY))
+    sound = audible(ARRAY, emitted.waves, emitted.pulses, seated(ARRAY)[:2])
     force = Playback(bits, ARRAY).intensity_component(SHAPE, 200.0, first, first + PERIODS).mean()
-    linear, demodulated = (float(sound.weighted(part).max()) for part in ("linear", "demodulated"))
-    return Heard(linear, demodulated, float(force))
+    return Heard(sound.weighted("linear"), sound.weighted("demodulated"), float(force))
 
 
-def repeated(cycle: Cycle) -> tuple[Capture, int]:
+def repeated(cycle: Cycle, limit: Limit | None = None) -> tuple[Capture, int]:
     """The outputs of a device that repeats a cycle, and the period from which on it has settled."""
     emulator = Emulator()
     with emulator, open_device(emulator.url) as device:
         device.set_watchdog(2.0)
-        ack = play_cycle(device, cycle).ack
+        ack = play_cycle(device, cycle, limit=limit).ack
         emulator.run_until(ack.commit_period + SETTLED + PERIODS)
     return emulator.capture(), ack.commit_period + SETTLED
 
@@ -68,3 +70,13 @@ def test_quiet_halves_are_6_db_below_autd3_s_silencer_at_the_same_force() -> Non
 
 def test_quiet_halves_are_as_strong_as_switched_ones() -> None:
     assert heard("two-sided").force == pytest.approx(heard("two-sided:envelope=square").force, rel=0.15)
+
+
+@pytest.mark.parametrize("way", ["two-sided:envelope=square", "two-sided", "am", "lm", "stm"])
+@pytest.mark.parametrize("limit_db", [128.0, 120.0])
+def test_a_limit_of_exposure_is_kept_by_what_is_emitted(way: str, limit_db: float) -> None:
+    """Also while one drive follows another, and in spite of the rounding to pulses."""
+    bits, first = repeated(render(ARRAY, SHAPE, way), exposure_limit(ARRAY, None, limit_db))
+    emitted = emitted_waves(bits, ARRAY, first, first + PERIODS)
+    loudest = exposure_at(ARRAY, emitted.waves).greatest_db.max()
+    assert limit_db - 7 < loudest <= limit_db  # pulses of three ticks and of two are 3.5 dB apart

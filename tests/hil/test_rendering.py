@@ -46,6 +46,16 @@ def test_an_envelope_of_the_device_lies_on_top() -> None:
     assert np.abs(np.fft.rfft(strength))[1:].argmax() + 1 == 2  # 200 Hz in 10 ms
 
 
+def test_a_cycle_without_an_envelope_ends_a_modulation() -> None:
+    cycle = render(ARRAY, Circle(radius=0.02), "stm:speed=5")
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        play_cycle(device, render(ARRAY, Circle(radius=0.02), "stm:speed=5,modulation=200"))
+        first = play_cycle(device, cycle).ack.commit_period
+        emulator.run_until(first + 400)
+        strength = np.abs(emulator.capture().drives(first, first + 400)).max(axis=1)
+    assert strength.min() > 0.99
+
+
 def lines(cycle: Cycle, step_hz: float) -> NDArray[np.float64]:
     """Amplitudes of the sidebands of the wave of all transducers together at the focus, from the bits, by step."""
     whole = round(40_000 / step_hz)

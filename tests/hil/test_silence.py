@@ -7,9 +7,10 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from phasewire import Device, Emulator, PhasewireError, Pulses, TransducerArray, open_device
+from phasewire import Circle, Device, Emulator, PhasewireError, Pulses, TransducerArray, open_device, render
 from phasewire.errors import DeviceLostError
 from phasewire.hil.emission import emitted_waves
+from phasewire.host.playing.cycles import play_cycle
 from phasewire.host.playing.envelopes import sine
 
 TEN_TIME_CONSTANTS = 120  # periods: 10 · 0.3 ms
@@ -40,6 +41,12 @@ def sequence(device: Device, then: Action) -> None:
 def modulated(device: Device, then: Action) -> None:
     device.show(full(7))
     device.modulate(*sine(200))
+    device.keep_playing(0.0112)
+    then()
+
+
+def rendered(device: Device, then: Action) -> None:
+    play_cycle(device, render(TransducerArray.grid(), Circle(radius=0.02), "stm:speed=5,modulation=200"))
     device.keep_playing(0.0112)
     then()
 
@@ -76,7 +83,7 @@ def fall_silent(emulator: Emulator, _: Device) -> None:
 
 
 @pytest.mark.parametrize("end", [stop, silence, leave, unplug, fall_silent])
-@pytest.mark.parametrize("play", [field, sequence, modulated, stream])
+@pytest.mark.parametrize("play", [field, sequence, modulated, rendered, stream])
 def test_what_is_emitted_dies_away(
     array: TransducerArray,
     emulator: Emulator,

@@ -20,6 +20,7 @@ from phasewire.host.playing.frames import (
     solved,
     to_pulses,
 )
+from phasewire.host.playing.limiting import TurnedDown
 from phasewire.solver import Cycle
 
 N = 6
@@ -295,11 +296,14 @@ def test_limited_frames_keep_their_limit_and_stay_down() -> None:
         return min(1.0, 2.0 / float(np.abs(emitted).sum(axis=1).max()))
 
     strong, weak = np.full(N, 1.0 + 0j), np.full(N, 0.2 + 0j)
-    strengths = [float(np.abs(pulses.to_drive()).sum()) for pulses in limited_frames([weak, strong, weak], None, limit)]
+    strengths = [
+        float(np.abs(pulses.to_drive()).sum())
+        for pulses in limited_frames([weak, strong, weak], None, TurnedDown(limit))
+    ]
     assert max(strengths) <= 2.0
     assert strengths[1] > 1.5
     assert strengths[2] < strengths[0]
     with pytest.raises(ValueError, match=r"^frame 1: "):
-        list(limited_frames([weak, 3 * strong], None, lambda _emitted: 1.0))
+        list(limited_frames([weak, 3 * strong], None, TurnedDown(None)))
     with pytest.raises(ValueError, match="hold pulses"):
-        next(limited_frames(FRAMES, None, limit))
+        next(limited_frames(FRAMES, None, TurnedDown(limit)))

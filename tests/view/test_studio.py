@@ -211,7 +211,7 @@ def test_before_a_page_has_come_nothing_plays() -> None:
 
 def test_amplitude_turns_everything_down(stage: tuple[Session, Page]) -> None:
     running, page = stage
-    loud = page.until(sounding)
+    loud = page.until(lambda message: sounding(message) and message.array("amplitude").max() > 200)  # faded in
     page.set(amplitude=0.25)
     quiet = page.until(lambda message: sounding(message) and message.array("amplitude").max() < 80)
     running.end()

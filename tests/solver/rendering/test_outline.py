@@ -73,3 +73,22 @@ def test_the_outline_of_a_touch_has_its_arcs_and_identities() -> None:
     assert np.isfinite(outline.walk(50, 1.0, 0.01)).all()
     with pytest.raises(ValueError, match="touch nothing"):
         Outline.of(touch(Hand.flat((0, 0, 0.6)), Mesh.sphere()))
+
+
+@given(st.integers(3, 9), st.floats(0.005, 0.06))
+def test_a_polygon_has_as_many_corners_as_sides(sides: int, radius: float) -> None:
+    """Its samples may fall on corners, but not beside them."""
+    outline = Outline.of(Polygon(sides=sides, radius=radius))
+    assert outline.round_trip(1.0, 1.0) == pytest.approx(outline.length + sides, abs=1e-6)
+
+
+def test_vertices_that_repeat_are_no_corners() -> None:
+    points = ControlPoints([[0, 0, 0.2], [0, 0, 0.2], [0.01, 0, 0.2], [0.02, 0, 0.2]])
+    assert Outline.of(points).round_trip(1.0, 1.0) == pytest.approx(0.04 + 2)
+
+
+def test_a_point_that_is_felt_alone_is_visited() -> None:
+    points = ControlPoints([[0.01 * step, 0, 0.2] for step in range(5)] + [[0, 0.08, 0.2]])
+    places = Outline.of(points).walk(100, 1.0)
+    alone = np.linalg.norm(places - [0, 0.08, 0.2], axis=1) < 1e-9
+    assert alone.mean() == pytest.approx(0.005 / 0.045, abs=0.02)

@@ -59,6 +59,18 @@ def test_a_cycle_that_is_quieted_joins_its_own_beginning() -> None:
     assert np.abs(steps).max() == pytest.approx(np.pi / 2 / 40, rel=1e-3)
 
 
+@given(
+    st.integers(0, 2**32), st.sampled_from([Completion(200, 200), Rates(5e-3, 5e-3), Rates(0.05, 0.1), Completion()])
+)
+def test_a_quieted_cycle_repeats_itself(seed: int, rule: Completion | Rates) -> None:
+    cycle = Cycle(frames(seed, 2, 1), 50)
+    quiet = quieted(cycle, rule).drives
+    again = Quieting(3, rule)
+    for _ in range(60):
+        settled = again.follow(np.repeat(cycle.drives, 50, axis=0))
+    assert np.abs(settled - quiet).max() < 1e-3
+
+
 @pytest.mark.parametrize("wrong", [lambda: Completion(0, 40), lambda: Rates(0, 1), lambda: Rates(0.1, float("nan"))])
 def test_a_rule_out_of_range_is_refused(wrong: type) -> None:
     with pytest.raises(ValueError, match="must be"):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from phasewire import Circle, ControlPoints, Star, TransducerArray, two_sided
+from phasewire import Circle, ControlPoints, Polyline, Rings, Star, TransducerArray, two_sided
 from phasewire.protocol.quantise import quantise
 from phasewire.solver import transfer_matrix
 from phasewire.solver.rendering.cycle import MOST_FRAMES, Cycle, timing
@@ -127,13 +127,11 @@ def test_a_cycle_has_the_frequency_that_whole_periods_allow(frequency: float, mo
     assert abs(frames * hold - 40_000 / frequency) <= hold
 
 
-def test_frames_of_a_stream_and_slots_are_the_cycle() -> None:
+def test_slots_and_periods_are_the_cycle() -> None:
     cycle = Cycle(np.array([[1], [1], [0.5], [1]], np.complex64), 3)
     frames, steps = cycle.slots()
     assert frames.ravel().tolist() == [1, 0.5]
     assert steps == ((0, 6), (1, 3), (0, 3))
-    stream = cycle.frames(40_000 / 3)
-    assert [next(stream)[0] for _ in range(5)] == [1, 1, 0.5, 1, 1]
     assert cycle.expanded(13)[:, 0].tolist() == [1] * 6 + [0.5] * 3 + [1] * 4
 
 
@@ -175,3 +173,12 @@ def test_ways_are_read_from_text() -> None:
 def test_a_wrong_way_is_refused_with_what_is_right(text: str, words: str) -> None:
     with pytest.raises(ValueError, match="^" + words.replace("(", r"\(")):
         parse_way(text)
+
+
+@pytest.mark.parametrize(
+    ("what", "way"), [(Rings(), "stm"), (Polyline(((-0.03, 0, 0.2), (0.03, 0, 0.2))), "stm:foci=3")]
+)
+def test_phases_are_led_over_where_a_focus_jumps(what: Circle, way: str) -> None:
+    drives = render(ARRAY, what, way).drives
+    turned = np.abs(np.angle(drives * np.roll(drives, 1, axis=0).conj())).mean(axis=1)
+    assert turned.max() < 0.35  # of a jump it would be π/2
