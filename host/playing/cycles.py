@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ...protocol.codes import StatusFlag
 from ...protocol.replies import Ack
 from ...solver import Cycle
 from .device import Device
@@ -32,7 +31,7 @@ class PlayedCycle(NamedTuple):
 def play_cycle(device: Device, cycle: Cycle, *, unattended: bool = False, limit: Limit | None = None) -> PlayedCycle:
     """Store a cycle's frames in a device, which then repeats them; its `envelope` becomes the device's modulation.
 
-    A sequence that plays falls silent first, and a modulation ends.
+    What plays falls silent first, and its modulation ends.
 
     Parameters
     ----------
@@ -52,12 +51,8 @@ def play_cycle(device: Device, cycle: Cycle, *, unattended: bool = False, limit:
     DeviceRefusedError
         If the device refuses it.
     """
-    before = device.status().flags
-    if before & StatusFlag.SEQUENCE:  # what plays cannot be overwritten
-        device.silence()
-        device.time.sleep(SILENT_SECONDS)
-    if before & StatusFlag.MODULATION:
-        device.end_modulation()
+    device.silence()  # what plays, or will play, cannot be overwritten
+    device.time.sleep(SILENT_SECONDS)
     frames, steps = cycle.slots()
     pulses, gain = pulses_within(frames, device.calibration, limit)
     for slot in range(len(frames)):
