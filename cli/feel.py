@@ -10,13 +10,14 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from ..pictures import check_picture_path
+from ..protocol.board import CHANNELS
 from ..signals import loading
 from ..solver import Cycle, Renderer, TransducerArray
 from ..solver.rendering.ways import AUTO, WAYS, described
 from ..solver.shapes.point_files import POINT_FILES
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
-from .listening import ListenersOption, load_listeners
+from .listening import ListenersOption, listener_files, load_listeners
 from .playing import MethodOption
 from .points import ArrayOption, files_in, load_array, read_outline, shapes_and_files
 from .rendering import RENDER_HELP, SQUARE
@@ -69,13 +70,17 @@ def feel(
     json_target: JsonOption = None,
 ) -> None:
     """Say how a shape is felt and heard; the help above has the details."""
-    check_outputs([picture, json_target], inputs=[*files_in(source), *filter(None, [array])])
+    check_outputs(
+        [picture, json_target], inputs=[*files_in(source), *listener_files(listeners), *filter(None, [array])]
+    )
     if picture is not None:
         check_picture_path(picture)
     names = render or [SQUARE, AUTO]
     if len(names) > MOST_WAYS:
         raise ValueError(f"{len(names)} ways of rendering are too many for a picture; at most {MOST_WAYS} are possible")
     outline, transducers = read_outline(source), load_array(array) or TransducerArray.grid()
+    if len(transducers) != CHANNELS:
+        raise ValueError(f"--array has {len(transducers)} transducers, but emulated boards have {CHANNELS}")
     ears = load_listeners(listeners)
     cycles: dict[str, Cycle] = {}
     for name in names:

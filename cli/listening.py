@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -16,7 +17,7 @@ from ..solver.geometry import as_points
 from ..solver.shapes.point_files import POINT_FILES
 from ..solver.shapes.shapes import read_vertices
 
-__all__ = ["ListenersOption", "MaxExposureOption", "kept", "limiter", "load_listeners"]
+__all__ = ["ListenersOption", "MaxExposureOption", "kept", "limiter", "listener_files", "load_listeners"]
 
 ListenersOption = Annotated[
     str | None,
@@ -37,6 +38,11 @@ MaxExposureOption = Annotated[
         "110.",
     ),
 ]
+
+
+def listener_files(text: str | None) -> list[Path]:
+    """The file that an option may name."""
+    return [] if text is None else [Path(text)]
 
 
 def load_listeners(text: str | None) -> NDArray[np.float64] | None:

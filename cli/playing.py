@@ -41,11 +41,12 @@ from ..protocol.replies import Info
 from ..solver import Cycle, Medium, Outline, Renderer, TransducerArray
 from ..solver.methods.methods import METHODS
 from ..solver.rendering.cycle import MOST_FRAMES
+from ..solver.rendering.renderer import LEAST_FRAMES
 from ..solver.rendering.ways import AUTO, described
 from ..solver.shapes.point_files import POINT_FILES
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, given, write_json
-from .listening import ListenersOption, MaxExposureOption, kept, limiter
+from .listening import ListenersOption, MaxExposureOption, kept, limiter, listener_files
 from .options import (
     MOST_SECONDS,
     CalibrationOption,
@@ -273,7 +274,7 @@ def stream(
     json_target: JsonOption = None,
 ) -> None:
     """Play frames at a rate; the help above has the details."""
-    check_outputs([json_target], inputs=files_in(source))
+    check_outputs([json_target], inputs=[*files_in(source), *listener_files(listeners)])
     own = load_array(array)
     envelope = sine(modulation) if modulation and render is None else None
     meter = Meter(error_console())
@@ -291,13 +292,19 @@ def stream(
             warn_of_differences(source, what.array, what.medium, opened.info)
             transducers = array_of(opened.info, own)
             down = TurnedDown(limiter(transducers, max_exposure, listeners))
+            if interpolate and opened.most_updates_per_second < CARRIER_HZ:
+                raise ValueError(
+                    f"--interpolate needs {CARRIER_HZ} frames/s, but this line carries "
+                    f"{opened.most_updates_per_second:.0f}; leave it out"
+                )
             if render is None:
                 frames, pace = solved_frames(
                     what, transducers, opened.calibration, down, method, spin, rate, interpolate=interpolate
                 )
             else:
                 cycle = rendered(transducers, render, method, read_outline(source))
-                pace = rate or CARRIER_HZ / cycle.hold
+                pace = rate or min(CARRIER_HZ / cycle.hold, opened.most_updates_per_second)
+                check_pace(pace, cycle)
                 frames = LoopedFrames(cycle, pace, opened.calibration, down=down)
                 envelope = sine(cycle.envelope) if cycle.envelope else None
             most = None if forever else frames_in(what, seconds, pace)
@@ -370,7 +377,7 @@ def play(
     json_target: JsonOption = None,
 ) -> None:
     """Play a shape modulated; the help above has the details."""
-    check_outputs([json_target], inputs=files_in(source))
+    check_outputs([json_target], inputs=[*files_in(source), *listener_files(listeners)])
     if unattended and (given(context, "forever") or given(context, "seconds")):
         raise ValueError("--unattended does not wait: --forever and --seconds have no effect with it; leave them out")
     if render is not None:
@@ -385,7 +392,7 @@ def play(
         opened = open_device(url, calibration=corrected)
         stack.enter_context(leaving_on(opened) if unattended else opened)
         transducers = array_of(opened.info, own)
-        way = render or f"{SQUARE},frequency={modulation}"
+        way = f"{SQUARE},frequency={modulation}" if render is None else render
         cycle = rendered(transducers, way, method, outline, opened.info.slots)
         watch = stack.enter_context(watching(opened, transducers, emulator, wanted=view))
         limit = limiter(transducers, max_exposure, listeners)
@@ -454,7 +461,7 @@ def record_command(
     json_target: JsonOption = None,
 ) -> None:
     """Write the frames of a stream to a file; the help above has the details."""
-    check_outputs([output, json_target], inputs=files_in(source))
+    check_outputs([output, json_target], inputs=[*files_in(source), *listener_files(listeners)])
     if output.suffix.lower() != SUFFIX:
         raise ValueError(f"{output}: a recording has the suffix {SUFFIX}")
     own = load_array(array)
@@ -468,6 +475,7 @@ def record_command(
         else:
             check_render(context, "spin", "interpolate")
             cycle = rendered(used, render, method, read_outline(source))
+            check_pace(rate or CARRIER_HZ, cycle)
             if cycle.envelope:
                 raise ValueError(
                     f"--render {render} leaves its modulation to the device, and a recording holds frames alone; leave "
@@ -517,6 +525,15 @@ def rendered(array: TransducerArray, way: str, method: str, outline: Outline, mo
     if way == AUTO:
         error_console().print(f"{AUTO} is {described(renderer.way_for(outline))}")
     return renderer.render(outline)
+
+
+def check_pace(rate: float, cycle: Cycle) -> None:
+    """Raise `ValueError` if so many frames per second do not show a cycle."""
+    if len(cycle) > 2 and rate < LEAST_FRAMES * cycle.frequency:
+        raise ValueError(
+            f"{rate:g} frames/s are too few for a cycle that is repeated {cycle.frequency:g} times a second; it needs "
+            f"{LEAST_FRAMES * cycle.frequency:g}. `phasewire play` lets the device repeat it"
+        )
 
 
 def is_rendered(what: Source) -> bool:

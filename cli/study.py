@@ -41,7 +41,9 @@ def study(
     seconds: Annotated[
         float, typer.Option(min=0.5, max=MOST_SECONDS, help="How long an exploration is, in s.")
     ] = SECONDS,
-    seed: Annotated[int, typer.Option(min=0, help="Of persons, paths and errors: the same gives the same.")] = SEED,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**32 - 1, help="Of persons, paths and errors: the same gives the same.")
+    ] = SEED,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE", help="The .png, .svg or .pdf file to draw.")
     ] = Path("study.png"),

@@ -38,7 +38,7 @@ from ..solver.shapes.curves import SPACING
 from ..solver.shapes.points import MAX_POINTS
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
-from .listening import ListenersOption, MaxExposureOption, kept, limiter
+from .listening import ListenersOption, MaxExposureOption, kept, limiter, listener_files
 from .options import (
     MOST_SECONDS,
     CalibrationOption,
@@ -198,7 +198,7 @@ def touch(
     """Let hands touch objects, and play what they feel; the help above has the details."""
     check_outputs(
         [picture, timeline, recording, None if recording is None else log_path(recording), json_target],
-        [*files_of(hand), *filter(None, (pose, array, calibration))],
+        [*files_of(hand), *listener_files(listeners), *filter(None, (pose, array, calibration))],
     )
     for drawn in filter(None, (picture, timeline)):
         check_picture_path(drawn)

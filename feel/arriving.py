@@ -14,13 +14,15 @@ __all__ = ["arriving", "as_waves", "behind", "responses"]
 
 
 def as_waves(array: TransducerArray, waves: ArrayLike, name: str = "waves") -> NDArray[np.complex64]:
-    """A series for each transducer, (t, n); `ValueError` if it is none, or has no rows."""
+    """A series for each transducer, (t, n); `ValueError` if it is none, has no rows, or is not finite."""
     series = np.ascontiguousarray(waves, dtype=np.complex64)
     if series.ndim != 2 or series.shape[1] != len(array) or not len(series):
         raise ValueError(
             f"{name} have the shape {series.shape}; (t, {len(array)}) is needed, a row for each carrier period and "
             "a column for each transducer"
         )
+    if not np.isfinite(series.view(np.float32).sum()):
+        raise ValueError(f"{name} must be finite, but some are not")
     return series
 
 

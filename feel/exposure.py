@@ -40,7 +40,8 @@ NOTE = (
 
 
 TRANSITION_DB = 1.0
-"""By how much sound may be louder while one drive follows another: of two halves that are switched it was 0.8 dB."""
+"""What is kept for drives that follow each other in every period: `stm` was at most 0.6 dB louder than its drives."""
+LOWEST_DB, HIGHEST_DB = 0.0, 200.0
 
 
 class ExposureLimit(NamedTuple):
@@ -195,21 +196,40 @@ def exposure_limit(
 
     Notes
     -----
-    A drive is judged in its steady state. While one follows another, some transducers' sound of the old one arrives
-    together with others' of the new one, and that mixture may be louder than both: `TRANSITION_DB` are kept for it.
-    `Exposure.gain` of the emitted waves counts it exactly.
+    The drives are taken for a cycle, whose first follows its last; each may also begin and end in silence. While one
+    follows another, the sound of the nearest transducers is new at a place, and that of the others still old. If the
+    change of a transducer q has the progress s(t − r_q/c), which grows from 0 to 1, the pressure is a weighted mean of
+    the mixtures of the k nearest new waves with the old others, k = 0 … n: it is no louder than the loudest mixture.
+    `TRANSITION_DB` are kept besides, for drives that follow each other faster than they settle.
     """
-    if not math.isfinite(limit_db):
-        raise ValueError(f"an exposure limit of {limit_db} dB must be finite, such as 110")
-    points = as_places(seated(array) if at is None else at)
+    _check_limit(limit_db)
+    medium, points = as_medium(medium), as_places(seated(array) if at is None else at)
     allowed = 10 ** ((limit_db - TRANSITION_DB - float(sound_pressure_level(1.0))) / 20)  # Pa
-    relative = (responses(array, points, as_medium(medium)).T / allowed).astype(np.complex64)
-    return lambda drives: 1 / max(1.0, float(np.abs(as_waves(array, drives, "drives") @ relative).max()))
+    relative = (responses(array, points, medium) / allowed).astype(np.complex64)
+    order = np.linalg.norm(points[:, None] - array.positions, axis=2).argsort(axis=1)
+
+    def gain(drives: ArrayLike) -> float:
+        new = as_waves(array, drives, "drives")
+        loudest = 1.0
+        for response, nearest in zip(relative, order, strict=True):
+            arriving = np.cumsum((new * response)[:, nearest], axis=1)
+            leaving = arriving[:, -1:] - arriving
+            mixtures = (arriving, leaving, arriving + np.roll(leaving, 1, axis=0))
+            loudest = max(loudest, *(float(np.abs(each).max()) for each in mixtures))
+        return 1 / loudest
+
+    return gain
+
+
+def _check_limit(limit_db: float) -> None:
+    if not LOWEST_DB <= limit_db <= HIGHEST_DB:
+        raise ValueError(
+            f"an exposure limit of {limit_db} dB must be from {LOWEST_DB:g} to {HIGHEST_DB:g}, such as 110"
+        )
 
 
 def _gain(level_db: float, limit_db: float) -> float:
-    if not math.isfinite(limit_db):
-        raise ValueError(f"an exposure limit of {limit_db} dB must be finite, such as 110")
+    _check_limit(limit_db)
     return min(1.0, 10 ** ((limit_db - level_db) / 20))
 
 

@@ -215,6 +215,8 @@ def radiation_pressures(
     """
     if waves.ndim != 2 or waves.shape[1] != len(array) or not len(waves):
         raise ValueError(f"waves have the shape {waves.shape}; they must be (t, {len(array)}), t at least 1")
+    if not np.isfinite(waves.sum()):
+        raise ValueError("waves must be finite, but some are not")
     if not every >= 1:
         raise ValueError(f"every {every} carrier periods must be at least 1")
     medium = as_medium(medium)
@@ -266,6 +268,10 @@ def felt_map(pressures: ArrayLike, places: SkinPlaces, rate: float, skin: Skin |
         raise ValueError(
             f"pressures have the shape {pushed.shape}; they must be (t, {len(places.positions)}), t at least 1"
         )
+    if not np.isfinite(pushed.sum()):
+        raise ValueError("pressures must be finite, but some are not")
+    if not 0 < rate < math.inf:
+        raise ValueError(f"a rate of {rate} Hz must be positive and finite")
     samples = len(pushed)
     last = min(math.floor(MOST_HZ * samples / rate), (samples - 1) // 2)
     # SciPy's factor of time is e^{+iωt}.

@@ -5,7 +5,6 @@ The cycle goes the whole way: pulses, blocks, five emulated boards, bits. `feel`
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +19,7 @@ from ..feel.unfolding import SkinPlaces, Unfolded
 from ..host import open_device
 from ..host.playing.cycles import play_cycle
 from ..host.playing.envelopes import sine
+from ..protocol.board import CARRIER_HZ
 from ..solver import Cycle, Hand, Medium, Outline, TransducerArray, transfer_matrix
 from ..solver.fields.validity import Validity, validity
 from .emission import emitted_waves
@@ -31,7 +31,7 @@ LEAST_PERIODS = 4000
 SETTLED_PERIODS = 400
 """10 ms, after which the resonances have forgotten how it began."""
 MOST_PERIODS = 80_000
-"""2 s: a cycle and its envelope that do not meet within this are cut."""
+"""2 s: of a cycle, and of its envelope; within them both end as nearly together as they can."""
 TRIES = 10
 EARS = 2
 """Of the places of `seated`, the first."""
@@ -108,7 +108,7 @@ def sense(
     Raises
     ------
     ValueError
-        If the cycle does not fit the device, or as `feel`.
+        If the cycle does not fit the device or takes more than 2 s, or as `feel`.
     """
     array, medium = array or TransducerArray.grid(), medium or Medium()
     head = seated(array)
@@ -135,8 +135,16 @@ def _stretch(cycle: Cycle) -> tuple[int, int]:
     """Carrier periods to judge of a cycle, with its envelope, and every how many of them its pressure is taken."""
     whole = cycle.periods
     if cycle.envelope:
-        envelope = sine(cycle.envelope)
-        whole = min(math.lcm(whole, len(envelope.samples) * envelope.hold), max(MOST_PERIODS // whole, 1) * whole)
+        swing = len(sine(cycle.envelope).samples) * sine(cycle.envelope).hold
+        counts = range(1, max(MOST_PERIODS // whole, 1) + 1)
+        whole *= min(counts, key=lambda count: abs(count * whole - max(round(count * whole / swing), 1) * swing))
+        if swing > MOST_PERIODS:
+            whole = swing
+    if whole > MOST_PERIODS:
+        raise ValueError(
+            f"a cycle that takes {whole / CARRIER_HZ:.3g} s is too long to be judged; at most "
+            f"{MOST_PERIODS / CARRIER_HZ:g} s are possible"
+        )
     least = -(-LEAST_PERIODS // whole)
     choices = [
         (every, -count * whole)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from ...protocol.replies import Ack
@@ -15,6 +16,9 @@ __all__ = ["PlayedCycle", "play_cycle"]
 
 SILENT_SECONDS = 1e-3
 """After which a device plays nothing for certain and its slots are free: silence begins within some carrier periods."""
+
+
+MOST_ENTRY_PERIODS = 2**16 - 1
 
 
 class PlayedCycle(NamedTuple):
@@ -59,4 +63,12 @@ def play_cycle(device: Device, cycle: Cycle, *, unattended: bool = False, limit:
         device.store(slot, pulses.pulses(slot))
     if cycle.envelope:
         device.modulate(*sine(cycle.envelope))
-    return PlayedCycle(device.play(steps, unattended=unattended), steps, gain)
+    whole = tuple(part for slot, periods in steps for part in _parts(slot, periods))
+    return PlayedCycle(device.play(whole, unattended=unattended), whole, gain)
+
+
+def _parts(slot: int, periods: int) -> Iterator[tuple[int, int]]:
+    """A step in parts that an entry can hold."""
+    while periods > 0:
+        yield slot, min(periods, MOST_ENTRY_PERIODS)
+        periods -= MOST_ENTRY_PERIODS

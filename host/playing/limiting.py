@@ -17,7 +17,7 @@ from .calibration import Calibration
 __all__ = ["SHORTEST_PULSE", "Limit", "TurnedDown", "pulses_within"]
 
 Limit: TypeAlias = Callable[[NDArray[np.complexfloating]], float]
-"""From the emissions (k, n) of frames to the factor, at most 1, with which all of them keep a limit; such as
+"""From the emissions (k, n) of a cycle of frames to the factor, at most 1, with which all of them keep a limit; such as
 `feel.exposure.exposure_limit` makes."""
 SHORTEST_PULSE = float(np.sin(np.pi / (2 * MAX_WIDTH_TICKS)))
 """The weakest drive above silence: a pulse of one tick."""
@@ -57,10 +57,15 @@ def pulses_within(
         pulses = quantise(wanted if calibration is None else calibration.apply(wanted))
         if limit is None:
             return pulses, gain
-        emitted = _pulse_drives()[pulses.phase, pulses.width]
-        if (factor := limit(emitted if calibration is None else emitted * calibration.response)) >= 1:
+        if (factor := limit(emission(pulses, calibration))) >= 1:
             return pulses, gain
         gain *= min(factor, TURN_DOWN)
+
+
+def emission(pulses: PulseFrames, calibration: Calibration | None) -> NDArray[np.complexfloating]:
+    """The drives (k, n) that transducers emit for pulses, by the response that a calibration says they have."""
+    emitted: NDArray[np.complexfloating] = _pulse_drives()[pulses.phase, pulses.width]
+    return emitted if calibration is None else emitted * calibration.response
 
 
 class TurnedDown:
@@ -79,6 +84,7 @@ class TurnedDown:
 
     def __init__(self, limit: Limit | None) -> None:
         self._limit, self.gain = limit, 1.0
+        self._before: NDArray[np.complexfloating] | None = None
 
     @property
     def limits(self) -> bool:
@@ -87,9 +93,17 @@ class TurnedDown:
 
     def pulses(self, drives: NDArray[np.complexfloating], calibration: Calibration | None) -> PulseFrames:
         """The pulses of the next drives, (k, n); as `pulses_within`."""
-        pulses, factor = pulses_within(drives * np.float32(self.gain), calibration, self._limit)
+        pulses, factor = pulses_within(drives * np.float32(self.gain), calibration, self._after)
         self.gain *= factor
+        if self._limit is not None:
+            self._before = emission(pulses, calibration)[-1:]
         return pulses
+
+    def _after(self, emitted: NDArray[np.complexfloating]) -> float:
+        """The limit of frames that follow the last one."""
+        if self._limit is None:
+            return 1.0
+        return self._limit(emitted if self._before is None else np.concatenate([self._before, emitted]))
 
 
 @cache

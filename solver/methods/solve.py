@@ -167,6 +167,8 @@ class Solver:
         ValueError
             As `solve`.
         """
+        if not len(positions):
+            raise ValueError("there are no frames to solve for; give positions (k, m, 3), k at least 1")
         points = ControlPoints(positions[0], amplitudes)
         check_size(self.array, points, self.method)
         names = checked_ids(points, ids)

@@ -37,6 +37,13 @@ class Cycle:
     envelope: float = 0.0
     carrier: float = CARRIER
 
+    def __post_init__(self) -> None:
+        """Check the shape and the hold."""
+        if self.drives.ndim != 2 or not self.drives.size:
+            raise ValueError(f"drives of a cycle have the shape {self.drives.shape}; they must be (k, n), k at least 1")
+        if not self.hold >= 1:
+            raise ValueError(f"a cycle's hold of {self.hold} carrier periods must be at least 1")
+
     def __repr__(self) -> str:
         return f"Cycle({len(self)} frames of {self.drives.shape[1]} drives, {self.frequency:g} Hz)"
 

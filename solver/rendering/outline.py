@@ -124,6 +124,8 @@ class Outline:
         back : bool
             Whether a single open stroke is passed to and fro.
         """
+        if not 0 < speed < math.inf:
+            raise ValueError(f"a speed of {speed} m/s must be positive and finite")
         where, when = [], []
         now = 0.0
         for stroke in self._walked(back):

@@ -15,6 +15,7 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass
+from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +52,9 @@ class Completion:
     def __post_init__(self) -> None:
         """Check the ranges."""
         for name in ("amplitude", "phase"):
-            if not getattr(self, name) >= 1:
-                raise ValueError(f"completion {name} {getattr(self, name)} must be at least 1 carrier period")
+            value = getattr(self, name)
+            if not (isinstance(value, Integral) and int(value) >= 1):
+                raise ValueError(f"completion {name} {value} must be a whole number of carrier periods, at least 1")
 
     @property
     def limits(self) -> tuple[int, int, float, float]:
@@ -78,8 +80,9 @@ class Rates:
     def __post_init__(self) -> None:
         """Check the ranges."""
         for name, unit in (("amplitude", "of full drive"), ("phase", "rad")):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"rates {name} {getattr(self, name)} {unit} must be positive and finite")
+            value = getattr(self, name)
+            if not (isinstance(value, Real) and 0 < float(value) < math.inf):
+                raise ValueError(f"rates {name} {value} {unit} must be a number, positive and finite")
 
     @property
     def limits(self) -> tuple[int, int, float, float]:
@@ -107,10 +110,20 @@ class Quieting:
         self._state, self._steps = np.zeros((2, transducers)), np.zeros((2, transducers))
 
     def follow(self, wanted: Drives) -> Drives:
-        """The drives of the next t carrier periods, (t, n), instead of wanted ones, (t, n)."""
+        """The drives of the next t carrier periods, (t, n), instead of wanted ones, (t, n).
+
+        Raises
+        ------
+        ValueError
+            If the wanted drives have another shape, or one is not finite.
+        """
         from ..compiled.change_kernels import follow  # numba takes half a second to import
 
         wanted = np.ascontiguousarray(wanted, np.complex64)
+        if wanted.ndim != 2 or wanted.shape[1] != len(self._targets):
+            raise ValueError(f"wanted drives have the shape {wanted.shape}; they must be (t, {len(self._targets)})")
+        if not np.isfinite(wanted.view(np.float32).sum()):
+            raise ValueError("wanted drives must be finite, but some are not")
         drives = np.empty_like(wanted)
         follow(wanted, *self._limits, SILENT, self._targets, self._state, self._steps, drives)
         return drives

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..contact.touch import Touch
@@ -14,6 +16,10 @@ from .outline import Outline
 from .ways import Solvers, Way, chosen, parse_way
 
 __all__ = ["Renderer", "render"]
+
+
+LEAST_FRAMES = 8
+"""Of a cycle that is to follow a sine."""
 
 
 class Renderer:
@@ -37,7 +43,7 @@ class Renderer:
     Raises
     ------
     ValueError
-        As `Solver` and `parse_way`, or if a cycle could not have two frames.
+        As `Solver` and `parse_way`, or if a cycle could not have `LEAST_FRAMES`.
     """
 
     def __init__(
@@ -50,11 +56,12 @@ class Renderer:
         most_frames: int = MOST_FRAMES,
         **options: Any,
     ) -> None:
-        if most_frames < 2:
-            raise ValueError(f"most_frames {most_frames} must be at least 2")
         self._way = parse_way(way) if isinstance(way, str) else way
         if self._way is None or self._way.phase_only:
             options = {"output": "phase"} | options
+        least = LEAST_FRAMES if self._way is None or self._way.phase_only else 2
+        if not (isinstance(most_frames, int | np.integer) and most_frames >= least):
+            raise ValueError(f"most_frames {most_frames} must be a whole number, at least {least}")
         self._solvers = Solvers(
             Solver(array, method, medium=medium, **options),
             TwoSidedSolver(array, method, medium=medium, **options),

@@ -56,6 +56,8 @@ Envelope = Literal["sine", "square"]
 
 LOWEST, HIGHEST = 0.01, 1000.0
 """Of a frequency, in hertz."""
+HIGHEST_SQUARE = 20_000.0
+"""Of one at which fields are switched."""
 SPEEDS = 0.01, 50.0
 """In m/s."""
 POINT = 5e-3
@@ -321,6 +323,8 @@ def parse_way(text: str) -> Way | None:
     name, _, parameters = text.partition(":")
     if text == AUTO:
         return None
+    if name == AUTO:
+        raise ValueError(f"{AUTO} has no parameters; name a way to set some, such as stm:{parameters}")
     if name not in WAYS:
         raise ValueError(f"unknown way of rendering {name!r}; known are {AUTO}, {', '.join(WAYS)}")
     way: Way = WAYS[name](**read_parameters(name, parameters, WAYS[name]))
@@ -389,7 +393,7 @@ def _swelling(drive: NDArray[Any], frequency: float, solvers: Solvers) -> Cycle:
 
 
 def _check_envelope(way: Amplitude | Halves) -> None:
-    _check(way, "frequency", LOWEST, HIGHEST)
+    _check(way, "frequency", LOWEST, HIGHEST_SQUARE if way.envelope == "square" else HIGHEST)
     if way.envelope not in get_args(Envelope):
         raise ValueError(f"{way.name} envelope {way.envelope!r} must be one of {', '.join(get_args(Envelope))}")
 

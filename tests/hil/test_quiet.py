@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire import Capture, Circle, Cycle, Emulator, TransducerArray, open_device, render
+from phasewire import Capture, Circle, ControlPoints, Cycle, Emulator, TransducerArray, open_device, render
 from phasewire.feel.exposure import exposure_at, exposure_limit, seated
 from phasewire.feel.hearing import audible
 from phasewire.hil import Playback
@@ -80,3 +80,12 @@ def test_a_limit_of_exposure_is_kept_by_what_is_emitted(way: str, limit_db: floa
     emitted = emitted_waves(bits, ARRAY, first, first + PERIODS)
     loudest = exposure_at(ARRAY, emitted.waves).greatest_db.max()
     assert limit_db - 7 < loudest <= limit_db  # pulses of three ticks and of two are 3.5 dB apart
+
+
+@pytest.mark.parametrize("way", ["two-sided:envelope=square", "two-sided", "stm:foci=2"])
+def test_nulls_at_the_listeners_hide_no_transition(way: str) -> None:
+    """In the steady state nothing arrives there; while drives change much does."""
+    points = ControlPoints([*SHAPE.sample().positions, *seated(ARRAY)], [1.0] * len(SHAPE.sample()) + [0.0] * 3)
+    bits, first = repeated(render(ARRAY, points, way), exposure_limit(ARRAY, None, 120.0))
+    emitted = emitted_waves(bits, ARRAY, first - SETTLED - 10, first + PERIODS)
+    assert exposure_at(ARRAY, emitted.waves).greatest_db.max() <= 120.0

@@ -71,7 +71,19 @@ def test_a_quieted_cycle_repeats_itself(seed: int, rule: Completion | Rates) -> 
     assert np.abs(settled - quiet).max() < 1e-3
 
 
-@pytest.mark.parametrize("wrong", [lambda: Completion(0, 40), lambda: Rates(0, 1), lambda: Rates(0.1, float("nan"))])
+@pytest.mark.parametrize(
+    ("wanted", "words"),
+    [(np.ones((10, 8)), r"must be \(t, 3\)"), (np.ones(3), "must be"), (np.full((2, 3), np.nan), "finite")],
+)
+def test_wanted_drives_of_another_shape_are_refused(wanted: np.ndarray, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Quieting(3, Completion()).follow(wanted)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [lambda: Completion(0, 40), lambda: Completion(0, 1), lambda: Rates(0, 1), lambda: Rates(0.1, float("nan"))],
+)
 def test_a_rule_out_of_range_is_refused(wrong: type) -> None:
     with pytest.raises(ValueError, match="must be"):
         wrong()
