@@ -38,6 +38,7 @@ from phasewire.hil.end_to_end import run_end_to_end
 from phasewire.hil.picture import save_end_to_end_picture
 from phasewire.hil.sensing import sense, skin_over
 from phasewire.hil.sensing_picture import save_sensation_picture
+from phasewire.hil.study.picture import draw_study
 from phasewire.hil.touch_latency import draw_touch_latency, measure_touch_latency
 from phasewire.hil.touch_picture import save_touch_picture
 from phasewire.pictures import COLUMN, LANDSCAPE
@@ -56,6 +57,7 @@ from phasewire.solver.reproduction.figures import (
 from phasewire.solver.reproduction.pictures import draw_figure_4, draw_figure_6, draw_figure_7, draw_range
 from phasewire.solver.shapes.shapes import Star
 
+from tests.cli.test_study import made_up
 from tests.pictures import faults_of
 
 ROOT = Path(__file__).parents[1]
@@ -148,6 +150,7 @@ PICTURES: dict[str, tuple[Callable[[], object], float]] = {
     "figure 7": (figure_7, COLUMN),
     "range": (lambda: draw_range(reproduce_range()), COLUMN),
     "ring up": (lambda: runpy.run_path(str(ROOT / "examples" / "ring_up.py")), COLUMN),
+    "study": (lambda: draw_study(made_up()), COLUMN),
     "timeline": (lambda: draw_timeline(way_of_an_update(Emulator()), "One update"), LANDSCAPE),
     "touch": (touched, LANDSCAPE),
     "touch latency": (lambda: draw_touch_latency(measure_touch_latency([HAND], [CUBE], Toucher(), poses=5)), COLUMN),

@@ -45,6 +45,8 @@ NUMBERS = "iufc"  # kinds of types for drives
 LEAST_RATE = 1e-3
 """Frames per second; a slower stream is mostly waiting."""
 
+PERIODS_AT_A_TIME = 400
+"""10 ms of interpolated frames: a slow source must not fill the memory."""
 ROUNDING = 1e-9
 """Of frames: a rate that is no binary fraction must not lose one."""
 
@@ -210,10 +212,12 @@ def interpolated_frames(
     for number, drive in _drives_of(frames):
         if quieting is None:
             quieting = Quieting(len(drive), Completion(periods, periods))
-        led = quieting.follow(np.broadcast_to(drive.astype(np.complex64), (periods, len(drive))))
-        with _naming(number):
-            pulses = down.pulses(led, calibration)
-        yield from (pulses.pulses(period) for period in range(periods))
+        for begin in range(0, periods, PERIODS_AT_A_TIME):
+            count = min(PERIODS_AT_A_TIME, periods - begin)
+            with _naming(number):
+                led = quieting.follow(np.broadcast_to(drive.astype(np.complex64), (count, len(drive))))
+                pulses = down.pulses(led, calibration)
+            yield from (pulses.pulses(period) for period in range(count))
 
 
 def limited_frames(frames: Frames, calibration: Calibration | None, down: TurnedDown) -> Iterator[Pulses]:
