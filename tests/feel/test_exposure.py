@@ -83,7 +83,7 @@ def test_a_person_sits_before_the_array_wherever_it_lies() -> None:
 def test_a_gain_keeps_its_limit_while_drives_change(limit: float, seed: int) -> None:
     """The loudest mixture of new waves, which arrive from the nearest transducers first, with old ones, or none."""
     array, drives = TransducerArray.grid(4, 3), some_drives(3, seed)[:, :12]
-    places, loudest = seated(array) + [0.013, 0.007, 0], 0.0  # no two transducers are as near
+    places, loudest = np.add(seated(array), (0.013, 0.007, 0)), 0.0  # no two transducers are as near
     gain = exposure_limit(array, places, limit)(drives)
     matrix = responses(array, places, Medium())
     way = np.linalg.norm(places[:, None] - array.positions, axis=2)

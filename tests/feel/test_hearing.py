@@ -133,6 +133,14 @@ def test_far_away_the_beam_is_a_point(hertz: int) -> None:
     np.testing.assert_allclose(tone(found.demodulated, hertz), expected, rtol=0.02)
 
 
+def test_sound_of_the_beam_arrives_after_its_way() -> None:
+    """A step of power far away: nothing before, and the second derivative of it when it arrives."""
+    steps = np.zeros((4000, 1))
+    steps[1000:] = 1
+    found = audible(ONE, steps, None, [[6.86, 0, 0]], reach=0.01).demodulated[0]  # 20 ms
+    assert abs(int(np.abs(found).argmax()) - 1800) < 20
+
+
 def test_the_beam_sounds_as_the_sum_over_all_sources_of_the_field(array: TransducerArray) -> None:
     """Westervelt's integral, β/(4πρc⁴)·∂²/∂t² ∫ p₁²(t − R/c)/R dV, over the computed field."""
     at, cell = np.array([0.07, -0.4, 0.47]), 0.014

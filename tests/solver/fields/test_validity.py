@@ -85,3 +85,9 @@ def test_silence_is_linear_and_nonsense_refused(array: TransducerArray) -> None:
     assert (found.linear, found.remaining, found.shock_distance, found.streaming) == (True, 1.0, np.inf, 0.0)
     with pytest.raises(ValueError, match="focal pressure of nan Pa must be at least 0 and finite"):
         validity(array, float("nan"), FOCUS)
+
+
+def test_nearer_than_its_radius_a_focus_is_judged_as_at_that_distance(array: TransducerArray) -> None:
+    radius = aperture_radius(array)
+    near, there = (validity(array, 3000.0, np.add(array.positions.mean(axis=0), (0, 0, z))) for z in (0.02, radius))
+    assert near == there

@@ -32,9 +32,11 @@ def harmonics(course: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(found / found[0] * np.where(np.arange(len(found)) == 0, 1, 2)[:, None])
 
 
-@pytest.mark.parametrize("way", ["am", "am:frequency=100"])
-def test_a_swelling_amplitude_makes_one_tone_everywhere(way: str) -> None:
-    found = harmonics(intensity(render(ARRAY, RING, way), ANYWHERE))
+@pytest.mark.parametrize(("way", "hertz"), [("am", 200), ("am:frequency=100", 100)])
+def test_a_swelling_amplitude_makes_one_tone_everywhere(way: str, hertz: float) -> None:
+    cycle = render(ARRAY, RING, way)
+    assert 2 * cycle.frequency == hertz
+    found = harmonics(intensity(cycle, ANYWHERE))
     assert found[2] == pytest.approx(1, abs=1e-3)  # of a cycle of two periods of the modulation
     assert np.delete(found, [0, 2], axis=0).max() < 1e-4
 
