@@ -86,7 +86,9 @@ def test_of_many_fields_the_strongest_frequency_is_felt() -> None:
     [image], scale = paint(Snapshot(drives), quantity="felt", xy_at=0.17)
     modulation = Modulation(drives, np.eye(12), 100.0)
     at = places(image).reshape(-1, 3)
-    component = np.max([intensity_component(ARRAY, modulation, at, harmonic) for harmonic in range(1, 7)], axis=0)
+    component = np.max(
+        [intensity_component(ARRAY, modulation, at, harmonic, precision="single") for harmonic in range(1, 7)], axis=0
+    )
     wanted = (component * float(intensity(1.0))).reshape(image.levels.shape)
     np.testing.assert_allclose(image.levels * (scale["largest"] / 255), wanted, atol=1.05 * scale["largest"] / 255)
 
