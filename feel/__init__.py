@@ -1,4 +1,4 @@
-"""What skin and ears get from waves over time: what is felt, heard, and how loud it is where people sit.
+"""Skin and ears: the feeling, the sound and the exposure that waves over time cause where people are.
 
 Its functions take the waves that transducers emit, a row for each carrier period, or a field at points. They know the
 solver's array and air, and nothing of ticks, packets or devices: `hil` brings them the waves that the bits of a device

@@ -40,7 +40,7 @@ NOTE = (
 
 
 TRANSITION_DB = 1.0
-"""What is kept for drives that follow each other in every period: `stm` was at most 0.6 dB louder than its drives."""
+"""A margin for drives that follow each other in every period: `stm` was at most 0.6 dB louder than its drives."""
 LOWEST_DB, HIGHEST_DB = 0.0, 200.0
 
 

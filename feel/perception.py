@@ -42,7 +42,7 @@ SAMPLES_AT_A_TIME = 1024
 
 @dataclass(frozen=True, eq=False)
 class FeltMap(Drawable):
-    """What skin could feel of a stretch of time, taken for one period of a stimulus that repeats.
+    """The feeling that a stretch of time could cause in skin, taken for one period of a stimulus that repeats.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def _pushing(array: TransducerArray, places: SkinPlaces, medium: Medium) -> NDAr
 
 
 def felt_map(pressures: ArrayLike, places: SkinPlaces, rate: float, skin: Skin | None = None) -> FeltMap:
-    """What skin could feel of a pressure over time.
+    """The felt map of a pressure over time.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def feel(
     skin: Skin | None = None,
     every: int = EVERY,
 ) -> FeltMap:
-    """What skin could feel of the waves of an array; parameters and errors are those of `radiation_pressures`."""
+    """The felt map of the waves of an array; parameters and errors are those of `radiation_pressures`."""
     medium = as_medium(medium)
     pressures = radiation_pressures(array, waves, places, medium, every)
     return felt_map(pressures, places, medium.frequency / every, skin)

@@ -1,4 +1,4 @@
-"""What each transducer emits, from captured bits: the waves that skin and ears get.
+"""The wave of each transducer, from captured bits: it is judged for skin and ears.
 
 `Playback` in `air` goes on to the pressure at points. Here the waves stay apart, one column for each transducer: `feel`
 judges many places by them, and sound below the carrier as well.
@@ -35,7 +35,7 @@ PERIODS_AT_A_TIME = 1024  # whose drives fit a cache
 
 
 class EmittedWaves(NamedTuple):
-    """What the transducers emit, carrier period by carrier period."""
+    """The emission of the transducers, carrier period by carrier period."""
 
     first: int
     """The carrier period of the first row."""
@@ -43,7 +43,7 @@ class EmittedWaves(NamedTuple):
     """Phasors at the beginning of each period, (t, n), after amplifier and resonance; 1 is full drive in the steady
     state. Time factor e^{-iωt}, ω of the carrier."""
     pulses: NDArray[np.complex64]
-    """What the square waves hold besides, (t, n), for sound below the carrier: the duty of each period, and as the
+    """Duty and moment of the square waves, (t, n), for sound below the carrier: the duty of each period, and as the
     imaginary part the moment, ∫ (s − ½) ds over the part s of the period in which the output is high. 0 for transducers
     that are not connected."""
 

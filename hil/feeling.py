@@ -21,7 +21,7 @@ def felt_from(
     medium: Medium | None = None,
     skin: Skin | None = None,
 ) -> FeltMap:
-    """What skin could feel of some carrier periods of a capture, as if they were repeated.
+    """The felt map of some carrier periods of a capture, as if they were repeated.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a cycle of drives does as a device emits it: what skin feels, what ears hear, how loud and how strong it is.
+"""A cycle of drives as a device emits it: the felt map, the audible sound, the exposure and the power.
 
 The cycle goes the whole way: pulses, blocks, five emulated boards, bits. `feel` judges the waves that the bits make.
 """

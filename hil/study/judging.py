@@ -116,7 +116,7 @@ class Learners(NamedTuple):
 
 
 def learners() -> Learners:
-    """What a judge learns by.
+    """A judge, and its training.
 
     Raises
     ------

@@ -164,7 +164,7 @@ def _frames(shape: str, way: str, array: TransducerArray) -> Iterator[NDArray[np
 
 
 def features_on_palm(levels: NDArray[np.float64], chance: np.random.Generator) -> NDArray[np.float64]:
-    """What a person notices of levels (w, k) on the palm: the mean picture, then place and strength over time."""
+    """The sensations from levels (w, k) on the palm: the mean picture, then place and strength over time."""
     cells = cells_of(PALM)
     places = (cells @ PALM.positions)[:, :2] + HAND_ERROR * chance.standard_normal(2)
     strength = noticed(blurred(levels, PALM) @ cells.T, chance)

@@ -41,9 +41,9 @@ class Trial(NamedTuple):
     """One exploration."""
 
     shape: str
-    """What the answer should be."""
+    """The right answer."""
     mesh: str
-    """What is there."""
+    """The object that is explored."""
     person: int
     number: int
     """Of the person's paths."""

@@ -1,4 +1,4 @@
-"""What a person could sense of a trial: where on the hand, how strong, and where the hand was, all of it noisy.
+"""The sensations of a trial: places on the hand, strengths, and the places of the hand, all of them noisy.
 
 The chain is physical up to the motion of the skin over the thresholds of touch (`feel`). What follows here is a person,
 in four numbers from the literature, which were set before any result was seen:
@@ -49,7 +49,7 @@ EVERY = 20
 
 
 class Sensed(NamedTuple):
-    """What a person noticed in a trial."""
+    """The sensations of a person in a trial."""
 
     levels: NDArray[np.float64]
     """(w, c) perceived intensity in each window and cell of skin, relative to the threshold; 0 if not felt."""
@@ -58,7 +58,7 @@ class Sensed(NamedTuple):
 
 
 def cells_of(skin: SkinPlaces) -> NDArray[np.float64]:
-    """What takes the mean over each square of `CELL` of the laid-out skin, (c, k)."""
+    """The matrix that takes the mean over each square of `CELL` of the laid-out skin, (c, k)."""
     rows, columns = np.nonzero(skin.mask)
     squares = np.floor(np.stack([rows, columns], axis=1) * (skin.spacing / CELL) + 1e-9)
     owner = np.unique(squares, axis=0, return_inverse=True)[1].ravel()
@@ -116,7 +116,7 @@ def over_time(pressures: NDArray[np.float32], skin: SkinPlaces) -> NDArray[np.fl
 def sensed(
     levels: NDArray[np.float64], skin: Unfolded, path: Exploration, seconds: float, chance: np.random.Generator
 ) -> Sensed:
-    """What a person notices of levels (w, k) on the skin of a hand that explores for so many seconds."""
+    """The sensations from levels (w, k) on the skin of a hand that explores for so many seconds."""
     cells = cells_of(skin)
     error = HAND_ERROR * chance.standard_normal(3)
     times = (np.arange(len(levels)) + 0.5) * seconds / len(levels)

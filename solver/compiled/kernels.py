@@ -241,7 +241,7 @@ def transfer(
     elements: Any, directivity: Any, turns: Any, nepers: Any, points: Any, origin: Any, wanted: Any,
     re: Any, im: Any, reach: Any,
 ) -> None:  # fmt: skip
-    """What `fill_transfer` does, for Python: a part alone would be compiled in each run."""
+    """Call `fill_transfer` from Python: a part alone would be compiled in each run."""
     fill_transfer(elements=elements, directivity=directivity, turns=turns, nepers=nepers, points=points, origin=origin,
                   wanted=wanted, re=re, im=im, reach=reach)  # fmt: skip
 
@@ -251,7 +251,7 @@ def transfer_by_table(
     elements: Any, table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any,
     points: Any, origin: Any, wanted: Any, re: Any, im: Any, reach: Any,
 ) -> None:  # fmt: skip
-    """What `transfer` does, for models whose residual is looked up."""
+    """As `transfer`, for models whose residual is looked up."""
     fill_transfer_by_table(elements=elements, table=table, nearest=nearest, cosines=cosines, growth=growth, turns=turns,
                            nepers=nepers, points=points, origin=origin, wanted=wanted, re=re, im=im,
                            reach=reach)  # fmt: skip

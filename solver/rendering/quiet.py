@@ -150,7 +150,7 @@ def quieted(cycle: Cycle, rule: Completion | Rates) -> Cycle:
 
 
 def literal(wanted: Drives, rule: Completion | Rates) -> NDArray[np.complex128]:
-    """What `Quieting.follow` returns at first, transducer by transducer and period by period: readable, and slow."""
+    """The result of `Quieting.follow` at first, transducer by transducer and period by period: readable, and slow."""
     drives = np.zeros(wanted.shape, np.complex128)
     for q, course in enumerate(wanted.T):
         amplitude, phase, aim, aim_phase = 0.0, 0.0, 0j, 0.0

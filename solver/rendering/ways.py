@@ -74,7 +74,7 @@ DRAWN = 0.02, 0.2
 
 
 class Solvers(NamedTuple):
-    """Whatever a way needs to find drives.
+    """The means of a way to find drives.
 
     Parameters
     ----------
