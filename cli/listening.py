@@ -71,7 +71,11 @@ def limiter(array: TransducerArray, max_exposure: float | None, listeners: str |
         return None
     with loading():
         from ..feel.exposure import exposure_limit
-    return exposure_limit(array, load_listeners(listeners), max_exposure)
+    places = load_listeners(listeners)
+    try:
+        return exposure_limit(array, places, max_exposure)
+    except ValueError as error:
+        raise ValueError(str(error) if listeners is None else f"--listeners {listeners}: {error}") from error
 
 
 def kept(limit_db: float, least_gain: float) -> str:
