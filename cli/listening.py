@@ -33,6 +33,8 @@ MaxExposureOption = Annotated[
     float | None,
     typer.Option(
         "--max-exposure",
+        min=0,
+        max=200,
         metavar="DB",
         help="Turn the drives down so far that the ultrasound keeps this level at the listeners, in dB SPL, such as "
         "110.",
