@@ -26,8 +26,10 @@ from phasewire.solver.shapes.points import check_reachable
 
 from .ring import POINTS, Ring, frames, source
 
-WAYS = ["two-sided:envelope=square", "two-sided", "am", "lm", "stm", "auto"]
-in_each_way = pytest.mark.parametrize("render", WAYS)
+STREAMED, STORED, OTHERS = "two-sided:envelope=square", "stm", ("two-sided", "am", "lm", "auto")
+in_each_way = pytest.mark.parametrize(
+    "render", [STREAMED, STORED, *(pytest.param(way, marks=pytest.mark.slow) for way in OTHERS)]
+)
 
 ARRAY = TransducerArray.grid()
 MS = 40
