@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..solver import Medium, TransducerArray
 from ..solver.acoustics.medium import as_medium
-from ..solver.fields.quantities import sound_pressure_level
+from ..solver.fields.quantities import air_density, sound_pressure_level
 from ..solver.geometry import PointsLike, as_places
 from .arriving import arriving, as_waves, behind, responses
 
@@ -124,7 +124,8 @@ class Exposure:
 
     def gain(self, limit_db: float) -> float:
         """The factor on all drives, at most 1, with which the loudest period at the loudest place keeps a limit."""
-        return _gain(float(self.greatest_db.max()), limit_db)
+        _check_limit(limit_db)
+        return min(1.0, 10 ** ((limit_db - float(self.greatest_db.max())) / 20))
 
     def __str__(self) -> str:
         loudest = int(self.greatest_db.argmax())
@@ -228,11 +229,6 @@ def _check_limit(limit_db: float) -> None:
         )
 
 
-def _gain(level_db: float, limit_db: float) -> float:
-    _check_limit(limit_db)
-    return min(1.0, 10 ** ((limit_db - level_db) / 20))
-
-
 def scattered(watts: float, distance: float, medium: Medium | None = None) -> float:
     """Level at a distance from a hand that throws all of a power back evenly into the half space before it, in dB.
 
@@ -240,8 +236,6 @@ def scattered(watts: float, distance: float, medium: Medium | None = None) -> fl
     -----
     I = W/(2πr²). A hand reflects 99 % of what meets it, not evenly: where it reflects as a mirror it is louder.
     """
-    from ..solver.fields.quantities import air_density
-
     medium = as_medium(medium)
     mean = watts / (2 * math.pi * distance**2)
     return float(sound_pressure_level(math.sqrt(2 * air_density(medium) * medium.speed_of_sound * mean)))

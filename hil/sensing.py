@@ -135,7 +135,8 @@ def _stretch(cycle: Cycle) -> tuple[int, int]:
     """Carrier periods to judge of a cycle, with its envelope, and every how many of them its pressure is taken."""
     whole = cycle.periods
     if cycle.envelope:
-        swing = len(sine(cycle.envelope).samples) * sine(cycle.envelope).hold
+        envelope = sine(cycle.envelope)
+        swing = len(envelope.samples) * envelope.hold
         counts = range(1, max(MOST_PERIODS // whole, 1) + 1)
         whole *= min(counts, key=lambda count: abs(count * whole - max(round(count * whole / swing), 1) * swing))
         if swing > MOST_PERIODS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from ...protocol.replies import Ack
@@ -11,7 +11,7 @@ from .device import Device
 from .envelopes import sine
 from .limiting import Limit, pulses_within
 
-__all__ = ["PlayedCycle", "play_cycle"]
+__all__ = ["PlayedCycle", "play_cycle", "split_steps"]
 
 
 SILENT_SECONDS = 1e-3
@@ -63,12 +63,14 @@ def play_cycle(device: Device, cycle: Cycle, *, unattended: bool = False, limit:
         device.store(slot, pulses.pulses(slot))
     if cycle.envelope:
         device.modulate(*sine(cycle.envelope))
-    whole = tuple(part for slot, periods in steps for part in _parts(slot, periods))
+    whole = tuple(split_steps(steps))
     return PlayedCycle(device.play(whole, unattended=unattended), whole, gain)
 
 
-def _parts(slot: int, periods: int) -> Iterator[tuple[int, int]]:
-    """A step in parts that an entry can hold."""
-    while periods > 0:
-        yield slot, min(periods, MOST_ENTRY_PERIODS)
-        periods -= MOST_ENTRY_PERIODS
+def split_steps(steps: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """Steps (slot, periods) in parts that an entry can hold; a step of no periods has none."""
+    for slot, periods in steps:
+        left = periods
+        while left > 0:
+            yield slot, min(left, MOST_ENTRY_PERIODS)
+            left -= MOST_ENTRY_PERIODS

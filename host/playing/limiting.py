@@ -93,17 +93,17 @@ class TurnedDown:
 
     def pulses(self, drives: NDArray[np.complexfloating], calibration: Calibration | None) -> PulseFrames:
         """The pulses of the next drives, (k, n); as `pulses_within`."""
-        pulses, factor = pulses_within(drives * np.float32(self.gain), calibration, self._after)
-        self.gain *= factor
-        if self._limit is not None:
-            self._before = emission(pulses, calibration)[-1:]
-        return pulses
+        limit, before = self._limit, self._before
+        if limit is None:
+            return pulses_within(drives, calibration)[0]
 
-    def _after(self, emitted: NDArray[np.complexfloating]) -> float:
-        """The limit of frames that follow the last one."""
-        if self._limit is None:
-            return 1.0
-        return self._limit(emitted if self._before is None else np.concatenate([self._before, emitted]))
+        def after_the_last(emitted: NDArray[np.complexfloating]) -> float:
+            return limit(emitted if before is None else np.concatenate([before, emitted]))
+
+        pulses, factor = pulses_within(drives * np.float32(self.gain), calibration, after_the_last)
+        self.gain *= factor
+        self._before = emission(pulses, calibration)[-1:]
+        return pulses
 
 
 @cache

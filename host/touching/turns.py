@@ -35,8 +35,10 @@ from ...errors import DeviceRefusedError
 from ...protocol.board import CARRIER_HZ
 from ...protocol.codes import NOW, AckFlag, Reason
 from ...protocol.replies import Ack
+from ...solver.rendering.renderer import LEAST_FRAMES
 from ...solver.rendering.ways import Halves, Way
 from ..playing.clock import DeviceClock, Reading
+from ..playing.cycles import split_steps
 from ..playing.device import Device
 from ..playing.envelopes import sine
 from .fields import PulseCycle
@@ -51,13 +53,12 @@ FIRST_READINGS = 8
 READING_SECONDS = 0.05
 BLOCKS_BESIDE = 2
 """Of a stored pose beside its fields: an entry table and a sequence."""
-LEAST_FRAMES, MOST_FRAMES = 8, 24
-"""Of a cycle. With eight a sine is still one."""
+MOST_FRAMES = 24
+"""Of a cycle."""
 STORING_SECONDS = 0.02
 """In which a line is to carry a pose, if `LEAST_FRAMES` allow that."""
 SETS = 3
 """Of slots: one plays, one waits for its period, one is free."""
-LONGEST_ENTRY = 2**16 - 1
 MOST_PACE_PERIODS = 100
 """2.5 ms between two steps of a ramp."""
 ROUNDING_SECONDS = 1e-6
@@ -370,7 +371,4 @@ def _rotated(slots: Sequence[int], hold: int, passed: int) -> Iterator[tuple[int
     """The steps of a cycle of which so many carrier periods are over."""
     first, over = divmod(passed, hold)
     whole = [(slot, hold) for slot in (*slots[first + 1 :], *slots[:first])]
-    for slot, left in ((slots[first], hold - over), *whole, (slots[first], over)):
-        while left:
-            yield slot, min(left, LONGEST_ENTRY)
-            left -= min(left, LONGEST_ENTRY)
+    return split_steps([(slots[first], hold - over), *whole, (slots[first], over)])

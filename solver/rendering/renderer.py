@@ -57,9 +57,9 @@ class Renderer:
         **options: Any,
     ) -> None:
         self._way = parse_way(way) if isinstance(way, str) else way
+        least = 2
         if self._way is None or self._way.phase_only:
-            options = {"output": "phase"} | options
-        least = LEAST_FRAMES if self._way is None or self._way.phase_only else 2
+            least, options = LEAST_FRAMES, {"output": "phase"} | options
         if not (isinstance(most_frames, int | np.integer) and most_frames >= least):
             raise ValueError(f"most_frames {most_frames} must be a whole number, at least {least}")
         self._solvers = Solvers(

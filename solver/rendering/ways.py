@@ -110,7 +110,28 @@ class Way(Protocol):
 
 
 @dataclass(frozen=True)
-class Amplitude:
+class _Modulated:
+    """What ways have in common that change the amplitude of fields which stay where they are."""
+
+    frequency: float = FREQUENCY
+    envelope: Envelope = "sine"
+
+    name: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check(self, "frequency", LOWEST, HIGHEST_SQUARE if self.envelope == "square" else HIGHEST)
+        if self.envelope not in get_args(Envelope):
+            raise ValueError(f"{self.name} envelope {self.envelope!r} must be one of {', '.join(get_args(Envelope))}")
+
+    @property
+    def phase_only(self) -> bool:
+        """Whether drives are solved for as phases alone, each transducer at its limit."""
+        return self.envelope == "sine"
+
+
+@dataclass(frozen=True)
+class Amplitude(_Modulated):
     """Amplitude modulation.
 
     Parameters
@@ -121,19 +142,7 @@ class Amplitude:
         Of the intensity.
     """
 
-    frequency: float = FREQUENCY
-    envelope: Envelope = "sine"
-
     name: ClassVar[str] = "am"
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        _check_envelope(self)
-
-    @property
-    def phase_only(self) -> bool:
-        """Whether drives are solved for as phases alone, each transducer at its limit."""
-        return self.envelope == "sine"
 
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
         """One drive, turned up and down."""
@@ -144,7 +153,7 @@ class Amplitude:
 
 
 @dataclass(frozen=True)
-class Halves:
+class Halves(_Modulated):
     """Two-sided modulation, the paper's section 3.4: the array never rests.
 
     Parameters
@@ -155,19 +164,7 @@ class Halves:
         Of the intensity; ``sine`` moves the phase of each transducer from that of one half to that of the other.
     """
 
-    frequency: float = FREQUENCY
-    envelope: Envelope = "sine"
-
     name: ClassVar[str] = "two-sided"
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        _check_envelope(self)
-
-    @property
-    def phase_only(self) -> bool:
-        """Whether drives are solved for as phases alone, each transducer at its limit."""
-        return self.envelope == "sine"
 
     def cycle(self, outline: Outline, solvers: Solvers) -> Cycle:
         """Two drives that take turns; a single point has no other half, so that it is as with `Amplitude`."""
@@ -392,13 +389,7 @@ def _swelling(drive: NDArray[Any], frequency: float, solvers: Solvers) -> Cycle:
     return Cycle((envelope[:, None] * drive).astype(np.complex64), hold, carrier=solvers.carrier)
 
 
-def _check_envelope(way: Amplitude | Halves) -> None:
-    _check(way, "frequency", LOWEST, HIGHEST_SQUARE if way.envelope == "square" else HIGHEST)
-    if way.envelope not in get_args(Envelope):
-        raise ValueError(f"{way.name} envelope {way.envelope!r} must be one of {', '.join(get_args(Envelope))}")
-
-
-def _check(way: Way, name: str, low: float, high: float) -> None:
+def _check(way: Way | _Modulated, name: str, low: float, high: float) -> None:
     unit, units, _ = UNITS.get(name, ("m", "metres", math.inf))
     value = getattr(way, name)
     check_number(value, f"{way.name} {name}", units)

@@ -311,8 +311,12 @@ def test_limited_frames_keep_their_limit_and_stay_down() -> None:
 
 def test_a_limit_judges_each_frame_after_the_one_before() -> None:
     seen: list[np.ndarray] = []
-    down = TurnedDown(lambda emitted: seen.append(emitted) or 1.0)  # type: ignore[func-returns-value]
-    list(limited_frames([np.full(N, 1.0 + 0j), np.full(N, -1.0 + 0j)], None, down))
+
+    def limit(emitted: np.ndarray) -> float:
+        seen.append(emitted)
+        return 1.0
+
+    list(limited_frames([np.full(N, 1.0 + 0j), np.full(N, -1.0 + 0j)], None, TurnedDown(limit)))
     assert [len(each) for each in seen] == [1, 2]
     assert (seen[1][0] == seen[0][0]).all()
     assert np.abs(seen[1][1] + seen[1][0]).max() < 1e-6
