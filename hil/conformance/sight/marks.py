@@ -35,8 +35,8 @@ LONGEST_PULSE_GAP = 2 * TICKS_PER_PERIOD - WIDTH
 
 CLOCK_TOLERANCE = 200e-6
 """The greatest relative error of the recorder's clock against the device's."""
-JITTER_SAMPLES = 2
-"""The error of the distance of two edges: one sample each."""
+JITTER_SAMPLES = 3
+"""The error of the distance of two edges: one sample for the jitter of each, and one for the grid of samples."""
 LONGEST_STRETCH_TICKS = 10 * TICK_HZ
 """The greatest distance of two marks: clocks run evenly enough for so long."""
 

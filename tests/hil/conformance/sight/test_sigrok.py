@@ -11,7 +11,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from phasewire import Wiring
 from phasewire.emulator.ports.export import export
@@ -88,6 +88,7 @@ def test_an_analyser_s_clock_does_not_matter(
     st.floats(0, 5000),
     st.integers(0, 2**32 - 1),
 )
+@example(("10 MHz", 5.0), 68.0, 262.625, 553)  # two edges three samples farther apart than in the device
 def test_any_rate_and_any_start_will_do(
     played: Played,
     tmp_path_factory: pytest.TempPathFactory,
