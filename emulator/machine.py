@@ -1,6 +1,7 @@
 """The emulated device: five boards of two processors, their chain, the controller before it, its flash and its power.
 
-It models what firmware on such boards would do, at the port clock and on the links; it executes no XS1 instructions.
+By default it models what firmware on such boards would do, at the port clock and on the links. The ten processors may
+execute real firmware instead, instruction by instruction; the controller is always a model.
 """
 
 from __future__ import annotations
@@ -8,10 +9,10 @@ from __future__ import annotations
 import hashlib
 import operator
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import count
-from typing import NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 from ..errors import DeviceError
 from ..protocol.board import (
@@ -26,19 +27,30 @@ from ..protocol.board import (
 from ..protocol.chain import Identity
 from ..protocol.codes import Fault
 from ..protocol.enumeration import HIGH_SPEED, Speed
+from ..protocol.firmware import Image
 from ..protocol.ranges import whole
 from ..protocol.timing import FIVE_WIRE, Link
 from ..protocol.wiring import Wiring
+from .boards.package import Package
 from .boards.processor import Processor
 from .boards.sync import SyncLine
-from .control.chain import Chain, Numbering, Tamper
+from .control.chain import Chain, ModelledChain, Numbering, Tamper
 from .control.controller import Controller
 from .control.requests import Identification
 from .faults import InjectedFault
 from .faults.injector import Injector
 from .firmware.dfu import DfuMode
 from .firmware.flash import Flash
-from .firmware.loader import Boot, DeviceIdentity, boot, confirm, give_up_upgrades, load_cycles, make_flash
+from .firmware.loader import (
+    FACTORY_IMAGE,
+    Boot,
+    DeviceIdentity,
+    boot,
+    confirm,
+    give_up_upgrades,
+    load_cycles,
+    make_flash,
+)
 from .interfaces.serial_line import SerialLine
 from .interfaces.usb_device import UsbDevice
 from .ports.capture import Capture
@@ -104,6 +116,9 @@ class Emulator:
         For how many periods at least what the outputs did is kept; for ever by default, 640 bytes for each update.
     sync : SyncLine, optional
         The line of another device, to listen to; its own by default, which it drives.
+    firmware : Image, "model" or "xs1"
+        "model": the processors are models, whatever the flash contains. "xs1": they execute what the flash contains,
+        which is by default the firmware of this package; or that image. Executed processors are never folded.
 
     Attributes
     ----------
@@ -132,6 +147,7 @@ class Emulator:
         unfolded: bool = False,
         history_periods: int | None = None,
         sync: SyncLine | None = None,
+        firmware: Image | Literal["model", "xs1"] = "model",
     ) -> None:
         if link.cycles_per_symbol > MOST_CYCLES_PER_SYMBOL:
             raise ValueError(
@@ -143,15 +159,19 @@ class Emulator:
                 raise ValueError(
                     f"clock offset {ticks} of board {board}: boards are 0 to {BOARDS - 1}, offsets not negative"
                 )
+        self._executes = firmware != "model"
         if flash is None:
             made_up = f"EMU-{next(_serials):04d}" if serial is None else serial
-            flash = make_flash(DeviceIdentity(made_up, table or wiring or Wiring.strips()))
+            identity = DeviceIdentity(made_up, table or wiring or Wiring.strips())
+            flash = make_flash(identity, _factory_image(firmware))
+        elif isinstance(firmware, Image):
+            raise ValueError("a flash has its own firmware; give a flash or an image, not both")
         self.flash = flash
         self._identity = DeviceIdentity.read(flash)
         self.serial = self._identity.serial
         self._wiring = wiring or self._identity.wiring
         self._link = link
-        self._unfolded = unfolded
+        self._unfolded = unfolded or self._executes
         self._history_periods = None if history_periods is None else whole("history_periods", history_periods, 1, NEVER)
         self._first_period = 0
         self._pulses_fail = False
@@ -166,7 +186,7 @@ class Emulator:
         """Transducers that are not connected, each with the core cycle since when."""
         self.tampers: list[Tamper] = []
         """What damages the messages of the chain."""
-        self.processors: list[Processor] = []
+        self.processors: Sequence[Package] = []
         self._faults = Injector(self)
         self.usb = UsbDevice(
             self.scheduler,
@@ -255,23 +275,53 @@ class Emulator:
 
     def _number(self, booted: Boot) -> None:
         assert self._life is not None
-        self.processors = [self._processor(place, booted) for place in range(PROCESSORS)]
-        self.chain = Chain(self._life, self.processors, self._link, self.tracer, self.tampers)
+        self.chain = self._executed_chain(booted) if self._executes else self._modelled_chain(booted)
+        self.processors = self.chain.processors
         self._faults.afflict()
         Numbering(self._life, self.chain, lambda identities: self._begin(booted, identities))
 
-    def _processor(self, place: int, booted: Boot) -> Processor:
-        board, number = divmod(place, PROCESSORS_PER_BOARD)
+    def _modelled_chain(self, booted: Boot) -> Chain:
         assert self._life is not None
-        return Processor(
-            self._life,
-            place,
-            BoardClock(self._offsets.get(board, 0)),
-            booted.image.version,
-            int.from_bytes(_unique_id(f"{self.serial}/{place}"), "little"),
-            self._logger(f"board {board} processor {number}"),
-            self.tracer,
-        )
+        processors = [
+            Processor(
+                self._life,
+                place,
+                BoardClock(self._offsets.get(place // PROCESSORS_PER_BOARD, 0)),
+                booted.image.version,
+                self._processor_id(place),
+                self._processor_logger(place),
+                self.tracer,
+            )
+            for place in range(PROCESSORS)
+        ]
+        return ModelledChain(self._life, processors, self._link, self.tracer, self.tampers)
+
+    def _executed_chain(self, booted: Boot) -> Chain:
+        from .boards.executed import ExecutedProcessor  # numba takes longer to import than everything else together
+        from .control.executed_chain import ExecutedChain
+
+        assert self._life is not None
+        processors = [
+            ExecutedProcessor(
+                self._life,
+                place,
+                BoardClock(),
+                booted.image.program(place),
+                self._processor_id(place),
+                self._link,
+                self._offsets.get(place // PROCESSORS_PER_BOARD, 0),
+                self._processor_logger(place),
+            )
+            for place in range(PROCESSORS)
+        ]
+        return ExecutedChain(self._life, processors, self._link, self.tracer, self.tampers)
+
+    def _processor_id(self, place: int) -> int:
+        return int.from_bytes(_unique_id(f"{self.serial}/{place}"), "little")
+
+    def _processor_logger(self, place: int) -> Callable[[str], None]:
+        board, number = divmod(place, PROCESSORS_PER_BOARD)
+        return self._logger(f"board {board} processor {number}")
 
     def _begin(self, booted: Boot, identities: list[Identity]) -> None:
         """The chain has been numbered: period 0 begins with the next tick."""
@@ -340,9 +390,7 @@ class Emulator:
         self.running.settle()
         self._first_period = self._time.period(self.scheduler.now) - self._history_periods
         for processor in self.processors:
-            processor.history.forget(
-                processor.clock.own_tick(self._first_period * TICKS_PER_PERIOD) // TICKS_PER_PERIOD
-            )
+            processor.forget(processor.clock.own_tick(self._first_period * TICKS_PER_PERIOD) // TICKS_PER_PERIOD)
         self._plan_to_forget()
 
     def _enter_dfu(self) -> DfuMode:
@@ -459,6 +507,18 @@ class Emulator:
         self._unfolded = True
         if self.controller is not None:
             self.controller.unfold()
+
+
+def _factory_image(firmware: Image | Literal["model", "xs1"]) -> Image:
+    if isinstance(firmware, Image):
+        return firmware
+    if firmware == "model":
+        return FACTORY_IMAGE
+    if firmware == "xs1":
+        from ..firmware import factory_image  # only executed devices need it
+
+        return factory_image()
+    raise ValueError(f"firmware {firmware!r}: give 'model', 'xs1' or an image")
 
 
 def _unique_id(name: str) -> bytes:

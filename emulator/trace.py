@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from operator import itemgetter
 from typing import NamedTuple
 
-from ..protocol.chain import Message
+from ..protocol.chain import Message, decode
 
 __all__ = ["Signal", "Span", "Tracer"]
 
@@ -115,9 +115,10 @@ class Tracer:
         if not changes or changes[-1][1] != value:
             changes.append((at, value))
 
-    def passed(self, message: Message, spans: Iterable[tuple[int, int | None, int | None]]) -> None:
-        """A message was sent, and holds each link from one core cycle to another."""
+    def passed(self, sent: Message | bytes, spans: Iterable[tuple[int, int | None, int | None]]) -> None:
+        """A message, or the tokens of one, was sent, and holds each link from one core cycle to another."""
         if self.watching:
+            message = sent if isinstance(sent, Message) else decode(sent)
             label = f"{type(message).__name__.lower()} {getattr(message, 'processor', message.node)}"
             for link, begins, ends in spans:
                 if begins is not None and ends is not None:

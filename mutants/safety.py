@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from ..emulator import machine
-from ..emulator.boards.processor import ALL_BITS, Processor
+from ..emulator.boards.package import ALL_BITS
+from ..emulator.boards.processor import Processor
 from ..emulator.control import agenda, requests, state_machine
 from ..emulator.control.admission import CHANGES, Admission
-from ..emulator.control.chain import Chain
+from ..emulator.control.chain import Chain, ModelledChain
 from ..emulator.control.controller import Controller
 from ..emulator.control.dispatch import Dispatch
 from ..emulator.control.execution import Execution
@@ -194,7 +195,7 @@ def _keep_from_silence(patch: Patch, place_is_deaf: Any) -> None:
             vars(change)["is_silence"] = True
         return change
 
-    @patch.around(Chain, "apply")
+    @patch.around(ModelledChain, "apply")
     def apply(original: Any, self: Any, item: Any, begun: int = 0) -> None:
         everybody = self.processors
         if vars(item).get("is_silence"):

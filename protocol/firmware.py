@@ -222,6 +222,11 @@ class Image:
                     f"zero, and a signature {SIGNATURE_BYTES}"
                 )
 
+    def program(self, processor: int) -> bytes:
+        """The program of a processor in the chain, 0 to 9."""
+        programs = {segment.target: segment.data for segment in self.segments}
+        return programs.get(Target.ALL_PROCESSORS) or programs[Target(processor)]
+
     def signed_bytes(self) -> bytes:
         """What the signature covers: all of the image that stands before it."""
         table, body = b"", b""

@@ -1,7 +1,7 @@
-"""One driver processor: mailbox, memories, rasteriser, and a 32-bit port that plays tables of 50 words.
+"""A model of one driver processor: mailbox, memories, rasteriser, and a 32-bit port that plays tables of 50 words.
 
 It takes whole messages from the chain and answers some; what its port plays is kept in a `History`. It knows nothing of
-links, of the controller or of other processors.
+links, of the controller or of other processors. `executed` is a processor that executes its firmware instead.
 """
 
 from __future__ import annotations
@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from ...errors import ChainError
 from ...protocol.board import (
-    CHANNELS_PER_PROCESSOR,
     CYCLES_PER_MS,
     CYCLES_PER_PERIOD,
-    PROCESSORS,
     PROCESSORS_PER_BOARD,
     TICKS_PER_PERIOD,
 )
@@ -47,20 +45,17 @@ from ...protocol.codes import (
     Memory,
 )
 from ...protocol.timing import MODULATE_CYCLES, RASTERISE_CYCLES
-from ..ports.capture import Forced, Track
+from ..ports.capture import Track
 from ..ports.clock import COUNTER_TICKS, BoardClock, Timebase
 from ..ports.history import History
 from ..scheduler import Scheduler
 from ..trace import Tracer
+from .package import SUPPLY_RANGE_MV, Package
 
-__all__ = ["AMBIENT_C", "SUPPLY_MV", "TEMPERATURE_LIMIT_C", "Processor"]
+__all__ = ["TEMPERATURE_LIMIT_C", "Processor"]
 
-AMBIENT_C = 25
-ALL_BITS = 2**CHANNELS_PER_PROCESSOR - 1
 TEMPERATURE_LIMIT_C = 85
-SUPPLY_MV = 15_000
 COUNTER_BITS = 16
-SUPPLY_RANGE_MV = range(12_000, 18_001)
 SYNC_STEP = SYNC_PERIODS * TICKS_PER_PERIOD % COUNTER_TICKS
 """By how much the port's counter advances from one pulse of the sync line to the next (clause CHN-027)."""
 DEAF_CYCLES = DEAF_MS * CYCLES_PER_MS
@@ -78,7 +73,7 @@ class Waiting:
     packed: bytes
 
 
-class Processor:
+class Processor(Package):
     """One of the ten.
 
     Parameters
@@ -109,25 +104,16 @@ class Processor:
         log: Callable[[str], None],
         tracer: Tracer,
     ) -> None:
-        self._scheduler = scheduler
-        self.place = place
-        self.clock = clock
+        super().__init__(scheduler, place, clock)
         self.firmware = firmware
         self._unique_id = unique_id
         self._log = log
         self._tracer = tracer
         self._scope = f"board{place // PROCESSORS_PER_BOARD}.processor{place % PROCESSORS_PER_BOARD}"
         self.history = History()
-        self.forced: list[Forced] = []
-        self.number: int | None = None
-        self.temperature_c = AMBIENT_C
+        self._number: int | None = None
         self.slowness = 1
         """Times that everything takes longer than its budget; more than 1 is a fault."""
-        self.is_last = place == PROCESSORS - 1
-        """Whether nothing gives credit on the link behind it."""
-        self.stopped = False
-        """Whether it has no power any more."""
-        self.sync_connected = True
         self.missed_commits = self.damaged_messages = self.carried_out = 0
         self.faults = Fault(0)
         self._memories = {memory: bytearray(layout.size) for memory, layout in MEMORIES.items()}
@@ -138,10 +124,14 @@ class Processor:
         """Programs whose period has come and whose first table is not ready."""
         self._modulated = False
         self._heard = 0
-        self._time: Timebase | None = None
         self._counter_at_pulse = 0
         self._late_ticks = 0
         self.drift = 0
+
+    @property
+    def number(self) -> int | None:
+        """The number that it took; None before (clause CHN-022)."""
+        return self._number
 
     # What happens to it
 
@@ -186,33 +176,6 @@ class Processor:
         """The output amplifiers get another voltage."""
         self._judge(Fault.SUPPLY, millivolts not in SUPPLY_RANGE_MV, f"{millivolts / 1000:g} V")
 
-    def stop(self) -> None:
-        """Lose power: the pins fall low at once, and nothing is taken any more."""
-        self.stopped = True
-        self.force(low=ALL_BITS)
-
-    def force(self, *, high: int = 0, low: int = 0) -> None:
-        """Hold bits of the port from now on, besides those that are held already."""
-        held = self.forced[-1] if self.forced else Forced(0)
-        self._hold(held.high | high, held.low | low)
-
-    def let_go(self, *, high: int = 0, low: int = 0) -> None:
-        """Hold these bits of the port no more."""
-        held = self.forced[-1] if self.forced else Forced(0)
-        self._hold(held.high & ~high, held.low & ~low)
-
-    def _hold(self, high: int, low: int) -> None:
-        if (high, low) != (self.forced[-1][1:] if self.forced else (0, 0)):
-            self.forced.append(Forced(self._tick, high, low))
-
-    @property
-    def _tick(self) -> int:
-        return 0 if self._time is None else max(self._time.tick(self._scheduler.now), 0)
-
-    def set_clock_error(self, parts_per_billion: int) -> None:
-        """Its board's oscillator runs fast from now on, or slow if negative."""
-        self.clock.set_rate(self._tick, parts_per_billion)
-
     def slow_down(self, slowness: int) -> None:
         """From now on everything takes so many times as long as its budget; 1 is as it should be."""
         self.slowness = slowness
@@ -222,6 +185,10 @@ class Processor:
     def track(self) -> Track:
         """What its port did so far."""
         return Track(self.history.segments(), self.clock, tuple(self.forced))
+
+    def forget(self, period: int) -> None:
+        """Drop what its port did before a period of its own clock."""
+        self.history.forget(period)
 
     # Messages
 
@@ -253,7 +220,7 @@ class Processor:
                 self._heard = self._scheduler.now
                 return self._answer(message.answer)
             case Number():
-                self.number = message.number
+                self._number = message.number
                 return Identity(message.number, self.is_last, self.firmware, self._unique_id)
         return None
 

@@ -1,14 +1,18 @@
 """The chain: how messages get from the controller to the processors and back (SPEC.md, chapter CHN).
 
-While nothing is wrong and nobody watches, the outcome of every message is known beforehand, and the chain is *folded*:
-changes reach the processors at their period without a message. Once a fault is armed or a tracer looks on, it is
-*unfolded*: each message travels token by token, may be damaged on its way, and may get stuck. What outputs and records
-say is the same either way, and the tests hold one against the other. One thing may come a period apart: a sequence
-or a modulation that waits for stores, if a question took the place of one of them.
+`Chain` carries messages token by token over its links. What a processor is, its two kinds know. Behind a
+`ModelledChain` are models of processors. While nothing is wrong and nobody watches, the outcome of every message is
+known beforehand, and the chain is *folded*: changes reach the processors at their period without a message. Once a
+fault is armed or a tracer looks on, it is *unfolded*: each message travels token by token, may be damaged on its way,
+and may get stuck. What outputs and records say is the same either way, and the tests hold one against the other. One
+thing may come a period apart: a sequence or a modulation that waits for stores, if a question took the place of one of
+them. Behind an `ExecutedChain` (`executed_chain`) are processors that execute their firmware; it is never folded while
+something plays.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -26,19 +30,21 @@ from ...protocol.chain import (
     Number,
     Playing,
     Program,
+    Report,
     Slice,
     decode,
 )
-from ...protocol.codes import LINK_MS, NUMBER_MS, STALL_MS, UNNUMBERED_NODE
+from ...protocol.codes import LINK_MS, NUMBER_MS, STALL_MS, UNNUMBERED_NODE, ChannelEnd
 from ...protocol.timing import HOP_CYCLES, Link
-from ..boards.links import Links
+from ..boards.links import Links, Passage
+from ..boards.package import Package
 from ..boards.processor import Processor
 from ..boards.switches import Direction, destination
 from ..scheduler import NEVER, Scheduler
 from ..trace import Tracer
 from .agenda import Change, UpdateBatch
 
-__all__ = ["Chain", "Numbering", "Passing", "Tamper"]
+__all__ = ["Chain", "ModelledChain", "Numbering", "Passing", "Tamper"]
 
 STALL_CYCLES = STALL_MS * CYCLES_PER_MS
 LINK_CYCLES = LINK_MS * CYCLES_PER_MS
@@ -62,14 +68,14 @@ class Passing(NamedTuple):
 Tamper = Callable[[Passing], Passing]
 
 
-class Chain:
+class Chain(ABC):
     """Ten processors behind one controller.
 
     Parameters
     ----------
     scheduler : Scheduler
         The clock of the machine.
-    processors : sequence of Processor
+    processors : sequence of Package
         In the order of the chain.
     link : Link
         Set-up of all links.
@@ -82,7 +88,7 @@ class Chain:
     def __init__(
         self,
         scheduler: Scheduler,
-        processors: Sequence[Processor],
+        processors: Sequence[Package],
         link: Link,
         tracer: Tracer,
         tampers: Sequence[Tamper] = (),
@@ -95,29 +101,29 @@ class Chain:
         self.folded = True
         self.broken = False
         self._tampers = tampers
-        self._begun = [b""] * PROCESSORS
         self._heard = b""
         self.hear: Callable[[bytes], None] = lambda _: None
         self.stuck: Callable[[], None] = lambda: None
 
-    # Folded
+    # What only one of the two kinds can do
 
+    @abstractmethod
     def apply(self, item: Change | UpdateBatch, begun: int = 0) -> None:
         """Let a change take effect on all processors; of a batch the updates from `begun` up to its `next`."""
-        if isinstance(item, UpdateBatch):
-            part = slice(begun, item.next)
-            for processor in self.processors:
-                at = processor.place * SLICE_BYTES
-                processor.play(item.periods[part], item.packed[part, at : at + SLICE_BYTES])
-            return
-        for processor in self.processors:
-            if item.packed is not None:
-                piece = np.frombuffer(_piece(item.packed, processor.place), np.uint8)[None]
-                processor.play(np.array([item.period]), piece)
-            for program in item.programs:
-                processor.carry_out(program)
 
-    # Unfolded
+    @abstractmethod
+    def playing(self, number: int, period: int) -> Playing:
+        """What a processor of a folded chain plays in a period."""
+
+    @abstractmethod
+    def first_report(self, number: int) -> Report:
+        """What is known of a processor when period 0 begins."""
+
+    @abstractmethod
+    def _bring(self, passage: Passage, message: Message, passing: Passing) -> None:
+        """Let a processor have tokens that reach it."""
+
+    # Messages
 
     def send(self, change: Change) -> None:
         """Send the messages of a change (clause CHN-029)."""
@@ -133,10 +139,7 @@ class Chain:
 
     def load(self, load: Load) -> None:
         """Store items of a memory of a processor."""
-        if self.folded:
-            self.processors[load.processor].load(load.memory, load.first, load.data)
-        else:
-            self.pass_down(load)
+        self.pass_down(load)
 
     @property
     def reading_cycles(self) -> tuple[int, int]:
@@ -150,8 +153,6 @@ class Chain:
     @property
     def free_at(self) -> int:
         """Core cycle from which on the first link takes another message."""
-        if self.folded:
-            return 0
         free = self.links.free_at()
         return NEVER if free is None else free
 
@@ -169,7 +170,7 @@ class Chain:
         if passage.leaves is None or passage.leaves > now + STALL_CYCLES:
             self._scheduler.at(now + STALL_CYCLES, self._break)
         if passage.arrives is not None:
-            self._scheduler.at(passage.arrives, lambda: self._arrive(passage.processor, tokens, passing.ends))
+            self._bring(passage, message, passing)
         return passage.arrives
 
     def _break(self) -> None:
@@ -177,28 +178,15 @@ class Chain:
             self.broken = True
             self.stuck()
 
-    def _arrive(self, place: int, tokens: bytes, ends: bool) -> None:
-        tokens, self._begun[place] = self._begun[place] + tokens, b""
-        if not ends:  # its route is still open: what follows runs into the same channel end
-            self._begun[place] = tokens
-            return
-        answer = self.processors[place].receive(tokens)
-        if answer is None:
-            return
-        wait = ANSWER_CYCLES
-        if isinstance(answer, Identity) and answer.last and place < PROCESSORS - 1:
-            wait = max(wait, LINK_CYCLES)  # it waits in vain for the link behind it
-        self._scheduler.at(self._scheduler.now + wait, lambda: self._pass_up(place, answer))
-
-    def _pass_up(self, place: int, answer: Message) -> None:
+    def _pass_up(self, place: int, tokens: bytes, begins: int) -> None:
+        """Let a processor's message go to the controller, from a core cycle on."""
         if self.processors[place].stopped:
             return
-        now = self._scheduler.now
-        passing = self._tampered(Passing(place, False, answer.encode()))
-        passage = self.links.up(place, len(passing.tokens), now, ends=passing.ends)
-        self.tracer.passed(answer, self.links.spans(Direction.UP))
+        passing = self._tampered(Passing(place, False, tokens))
+        passage = self.links.up(place, len(passing.tokens), begins, ends=passing.ends)
+        self.tracer.passed(tokens, self.links.spans(Direction.UP))
         if passage.arrives is not None:
-            self._scheduler.at(passage.arrives, lambda: self._hear(passing))
+            self._scheduler.at(max(passage.arrives, self._scheduler.now), lambda: self._hear(passing))
 
     def _hear(self, passing: Passing) -> None:
         tokens, self._heard = self._heard + passing.tokens, b""
@@ -218,6 +206,89 @@ class Chain:
         self.links.cut(place)
         if place:
             self.processors[place - 1].is_last = True
+
+
+class ModelledChain(Chain):
+    """A chain of models of processors.
+
+    Parameters
+    ----------
+    scheduler, processors, link, tracer, tampers
+        As of `Chain`.
+    """
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        processors: Sequence[Processor],
+        link: Link,
+        tracer: Tracer,
+        tampers: Sequence[Tamper] = (),
+    ) -> None:
+        super().__init__(scheduler, processors, link, tracer, tampers)
+        self._models = processors
+        self._begun = [b""] * PROCESSORS
+
+    # Folded
+
+    def apply(self, item: Change | UpdateBatch, begun: int = 0) -> None:
+        """Let a change take effect on all processors; of a batch the updates from `begun` up to its `next`."""
+        if isinstance(item, UpdateBatch):
+            part = slice(begun, item.next)
+            for processor in self._models:
+                at = processor.place * SLICE_BYTES
+                processor.play(item.periods[part], item.packed[part, at : at + SLICE_BYTES])
+            return
+        for processor in self._models:
+            if item.packed is not None:
+                piece = np.frombuffer(_piece(item.packed, processor.place), np.uint8)[None]
+                processor.play(np.array([item.period]), piece)
+            for program in item.programs:
+                processor.carry_out(program)
+
+    def load(self, load: Load) -> None:
+        """Store items of a memory of a processor."""
+        if self.folded:
+            self._models[load.processor].load(load.memory, load.first, load.data)
+        else:
+            super().load(load)
+
+    @property
+    def free_at(self) -> int:
+        """Core cycle from which on the first link takes another message."""
+        return 0 if self.folded else super().free_at
+
+    def playing(self, number: int, period: int) -> Playing:
+        """What a processor plays in a period."""
+        return self._models[number].playing(period)
+
+    def first_report(self, number: int) -> Report:
+        """Its report, read off it."""
+        report = self._models[number].receive(Collect(number, ChannelEnd.REPORT).encode())
+        assert isinstance(report, Report)
+        return report
+
+    # Unfolded
+
+    def _bring(self, passage: Passage, message: Message, passing: Passing) -> None:  # noqa: ARG002
+        assert passage.arrives is not None
+        self._scheduler.at(passage.arrives, lambda: self._arrive(passage.processor, passing.tokens, passing.ends))
+
+    def _arrive(self, place: int, tokens: bytes, ends: bool) -> None:
+        tokens, self._begun[place] = self._begun[place] + tokens, b""
+        if not ends:  # its route is still open: what follows runs into the same channel end
+            self._begun[place] = tokens
+            return
+        answer = self._models[place].receive(tokens)
+        if answer is None:
+            return
+        wait = ANSWER_CYCLES
+        if isinstance(answer, Identity) and answer.last and place < PROCESSORS - 1:
+            wait = max(wait, LINK_CYCLES)  # it waits in vain for the link behind it
+        self._scheduler.at(self._scheduler.now + wait, lambda: self._answer(place, answer.encode()))
+
+    def _answer(self, place: int, tokens: bytes) -> None:
+        self._pass_up(place, tokens, self._scheduler.now)
 
 
 def _piece(packed: bytes, place: int) -> bytes:

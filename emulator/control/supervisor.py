@@ -88,7 +88,7 @@ class Supervisor:
         self._on_fault = on_fault
         self._on_miss = on_miss
         self.complete = len(identities) == PROCESSORS
-        self._reports = [self._asked(number) for number in range(len(identities))]
+        self._reports = [chain.first_report(number) for number in range(len(identities))]
         self._latched = [Fault(report.faults) for report in self._reports] + [Fault(0)] * PROCESSORS
         self._unanswered = [0] * PROCESSORS
         self._left_alone: dict[int, int] = {}
@@ -97,11 +97,6 @@ class Supervisor:
         self._lost_commits = [0] * PROCESSORS
         self._playing: dict[int, Playing] = {}
         chain.hear = self._hear
-
-    def _asked(self, number: int) -> Report:
-        report = self._chain.processors[number].receive(Collect(number, ChannelEnd.REPORT).encode())
-        assert isinstance(report, Report)
-        return report
 
     # What is known
 
@@ -265,7 +260,7 @@ class Supervisor:
         self._scheduler.run_until(begun + asked)
         self._schedule.settle()
         period = self._time.period(self._scheduler.now)
-        found = [processor.playing(period) for processor in self._chain.processors[: len(self._reports)]]
+        found = [self._chain.playing(number, period) for number in range(len(self._reports))]
         self._scheduler.run_until(begun + answered)
         return found, period
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from ...protocol.board import CHANNELS, PROCESSORS_PER_BOARD
-from ..boards.processor import AMBIENT_C, SUPPLY_MV, Processor
+from ..boards.package import AMBIENT_C, SUPPLY_MV, Package
 from .fault import FaultTarget, InjectedFault, Lasting
 from .limits import BoardNumber, PortBit, ProcessorNumber, Real, Whole
 
@@ -61,7 +61,7 @@ class DeadBoard(InjectedFault):
             device.chain.lose(processor.place)
 
 
-def _processors(device: FaultTarget, board: int | None) -> list[Processor]:
+def _processors(device: FaultTarget, board: int | None) -> list[Package]:
     """The processors of a board, or of all."""
     return [processor for processor in device.processors if board in (None, processor.place // PROCESSORS_PER_BOARD)]
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, ClassVar, Protocol, get_args, get_origin, get_type_hints
 
-from ..boards.processor import Processor
+from ..boards.package import Package
 from ..control.chain import Chain, Tamper
 from ..control.controller import Controller
 from ..firmware.flash import Flash
@@ -32,7 +32,7 @@ class FaultTarget(Protocol):
     """Transducers that are not connected, each with the core cycle since when."""
 
     @property
-    def processors(self) -> Sequence[Processor]:
+    def processors(self) -> Sequence[Package]:
         """The processors in the order of the chain; none if the boards have no power."""
 
     @property

@@ -228,9 +228,6 @@ def _mark(flash: Flash, address: int) -> bool:
 
 def load_cycles(image: Image, link: Link) -> tuple[int, ...]:
     """How long each processor, in the order of the chain, receives its program, in core cycles (clause FWU-021)."""
-    sizes = {segment.target: len(segment.data) for segment in image.segments}
     return tuple(
-        (SIZE_BYTES + sizes.get(Target(node), sizes.get(Target.ALL_PROCESSORS, 0)) + CHECKSUM_BYTES)
-        * link.cycles_per_token
-        for node in range(PROCESSORS)
+        (SIZE_BYTES + len(image.program(place)) + CHECKSUM_BYTES) * link.cycles_per_token for place in range(PROCESSORS)
     )

@@ -28,6 +28,7 @@ from ...protocol.pulses import MODULATED_WIDTH
 from ...protocol.wiring import Pin, Wiring
 from .clock import BoardClock
 from .history import Segments
+from .recording import Recorded
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,14 +56,14 @@ class Forced(NamedTuple):
 class Track(NamedTuple):
     """What one port did."""
 
-    segments: Segments
+    segments: Segments | Recorded
     clock: BoardClock
     forced: tuple[Forced, ...] = ()
 
     @property
     def deranged(self) -> bool:
-        """Whether its bits are not those of its pulses: its clock is its own, or its pins are held."""
-        return bool(self.forced) or not self.clock.exact
+        """Whether its bits are not those of known pulses: recorded ones, a clock of its own, or pins that are held."""
+        return isinstance(self.segments, Recorded) or bool(self.forced) or not self.clock.exact
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,8 +345,10 @@ def _deranged(track: Track, start: int, stop: int) -> NDArray[np.uint32]:
     return words
 
 
-def _played(segments: Segments, start: int, stop: int) -> NDArray[np.uint32]:
+def _played(segments: Segments | Recorded, start: int, stop: int) -> NDArray[np.uint32]:
     """The words that one port plays at its own ticks, (stop - start,)."""
+    if isinstance(segments, Recorded):
+        return segments.words(start, stop)
     from .raster import expand
 
     first, last = start // TICKS_PER_PERIOD, -(-stop // TICKS_PER_PERIOD)

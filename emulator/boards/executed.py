@@ -1,0 +1,279 @@
+"""A driver processor that executes its firmware, instruction by instruction (package `xs1`), and its place on a board.
+
+It brings tokens to the core's channel ends at their times, moves its input pins, answers as its switch does, and
+records what its 32-bit port shows. It decides nothing about messages or pulses: the firmware does. The core is executed
+only when somebody looks, up to the present; so it is never ahead of what may still reach it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...protocol.board import CYCLES_PER_TICK
+from ...protocol.codes import CONTROLLER_NODE, END_TOKEN, UNNUMBERED_NODE
+from ...protocol.timing import Link
+from ...xs1.core import Core, Sent, Stop
+from ...xs1.switch import SWITCH_CONFIGURATION, XLINK, LinkField, Switch
+from ..ports.capture import Track
+from ..ports.clock import BoardClock, Timebase
+from ..ports.recording import Recording
+from ..scheduler import Scheduler
+from .package import SUPPLY_RANGE_MV, Package
+
+__all__ = ["OUTPUTS", "SUPPLY_GOOD", "SYNC_LINE", "TEMPERATURE", "ExecutedProcessor"]
+
+OUTPUTS, SYNC_LINE, SUPPLY_GOOD, TEMPERATURE = 0x20_0000, 0x1_0400, 0x1_0500, 0x8_0200
+"""Ports 32A, 1F, 1G and 8C, by the architecture's identifiers."""
+UP_LINK, DOWN_LINK = 0, 1
+"""The switch's links to the controller and away from it."""
+CONTROL = 0x100
+"""Bit 8 of a token: a control token."""
+ROUTE_TOKENS = 3
+SAMPLING_CYCLES = 195
+"""From the beginning of a tick to the moment at which the pins are read: the end of the tick, whatever it is late."""
+SWITCH_CYCLES = 40
+"""From a question to the switch to its answer: not published; the delay of a hop is assumed."""
+ISSUE_CYCLES = 4
+
+
+class ExecutedProcessor(Package):
+    """One of the ten.
+
+    Parameters
+    ----------
+    scheduler : Scheduler
+        The clock of the machine.
+    place : int
+        In the chain, 0 to 9.
+    clock : BoardClock
+        The ticks of its board; it starts with the sync line.
+    program : bytes
+        The firmware, as the boot program leaves it in memory.
+    unique_id : int
+        64 bits, of its package.
+    link : Link
+        Set-up of its links.
+    late_ticks : int
+        By how much the sync line reaches it late.
+    log : callable
+        Takes a line about each thing that happens.
+    """
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        place: int,
+        clock: BoardClock,
+        program: bytes,
+        unique_id: int,
+        link: Link,
+        late_ticks: int,
+        log: Callable[[str], None],
+    ) -> None:
+        super().__init__(scheduler, place, clock)
+        self._log = log
+        self._late_cycles = late_ticks * CYCLES_PER_TICK
+        self._link = link
+        self.switch = Switch(UNNUMBERED_NODE, hello=self._say_hello)
+        self.switch.registers[XLINK + UP_LINK] = _set_up(link) | LinkField.ENABLE | LinkField.TX_CREDIT
+        self.core = Core(program, node=UNNUMBERED_NODE, registers=_words(unique_id), start=scheduler.now)
+        self.core.link_cycles_per_token = link.cycles_per_token
+        self.core.watch(OUTPUTS)
+        for port, value in ((SYNC_LINE, 0), (SUPPLY_GOOD, 1), (TEMPERATURE, self.temperature_c)):
+            self.core.drive(port, scheduler.now, value)
+        self._recording = Recording()
+        self._word = 0
+        self._open_end: int | None = None
+        """The channel end of a route whose END got lost."""
+        self._answers: list[tuple[bytes, int]] = []
+        self._trapped = False
+        self._held_up = 0
+
+    @property
+    def number(self) -> int | None:
+        """The number that it took; None before (clause CHN-022)."""
+        return None if self.switch.node == UNNUMBERED_NODE else self.switch.node
+
+    # Time: the core's cycles are those of its board's oscillator
+
+    def _own(self, cycle: int) -> int:
+        if self._time is None or self.clock.exact:
+            return cycle
+        tick = self._time.tick(cycle)
+        origin = self._time.origin
+        return origin + self.clock.own_tick(tick) * CYCLES_PER_TICK + (cycle - origin) % CYCLES_PER_TICK
+
+    def execute(self) -> None:
+        """Execute up to the present."""
+        self._execute_until(self._own(self._scheduler.now))
+
+    def _execute_until(self, cycle: int) -> None:
+        while not self.stopped:
+            stop = self.core.run(cycle)
+            if stop is Stop.MESSAGE:
+                for sent in self.core.take_messages():
+                    self._send(sent)
+            elif stop is Stop.LOG_FULL:
+                self._record(self.core.cycle)
+            elif stop is Stop.TRAPPED and not self._trapped:
+                self._trapped = True
+                self._log(f"stands still: {self.core.trap}")
+            if stop in (Stop.REACHED, Stop.TRAPPED) and self.core.cycle >= cycle:
+                break
+        if self.core.held_up != self._held_up:
+            self._held_up = self.core.held_up
+            self._log(f"takes tokens more slowly than its link brings them: {self._held_up} had to wait")
+
+    # Messages
+
+    def bring(self, tokens: bytes, arrives: int, *, ends: bool) -> None:
+        """Let tokens of the chain reach a channel end, the last of them at a core cycle.
+
+        Parameters
+        ----------
+        tokens : bytes
+            With their route header.
+        arrives : int
+            Core cycle.
+        ends : bool
+            Whether the last is END. Without, the route stays open: what follows runs into the same channel end, header
+            and all.
+        """
+        taken = np.frombuffer(tokens, np.uint8).astype(np.uint16)
+        if ends:
+            taken[-1] = CONTROL | END_TOKEN
+        cycles = arrives - np.arange(len(taken) - 1, -1, -1) * self._link.cycles_per_token
+        end = self._open_end
+        if end is None:
+            if len(taken) < ROUTE_TOKENS:
+                return
+            end, taken, cycles = int(taken[ROUTE_TOKENS - 1]), taken[ROUTE_TOKENS:], cycles[ROUTE_TOKENS:]
+        self._open_end = None if ends else end
+        self.deliver(end, taken, cycles)
+
+    def deliver(self, channel_end: int, tokens: NDArray[np.uint16], cycles: NDArray[np.int64]) -> None:
+        """Let tokens reach a channel end, each at its core cycle."""
+        if not self.stopped:
+            self.execute()
+            if not self.clock.exact:
+                cycles = cycles + (self._own(self._scheduler.now) - self._scheduler.now)
+            self.core.deliver(channel_end, tokens, cycles)
+
+    def take_answers(self) -> list[tuple[bytes, int]]:
+        """What it has said to the controller since the last call, with route headers and END, and when it began."""
+        answers, self._answers = self._answers, []
+        return answers
+
+    def _send(self, sent: Sent) -> None:
+        if sent.destination & 0xFFFF == SWITCH_CONFIGURATION:
+            reply = self.switch.answer(sent.tokens)
+            self.core.set_node(self.switch.node)
+            if reply is not None:
+                at = sent.ends + SWITCH_CYCLES
+                self.core.deliver(reply.destination >> 8 & 0xFF, reply.tokens, np.full(len(reply.tokens), at, np.int64))
+            return
+        node, end = sent.destination >> 16, sent.destination >> 8 & 0xFF
+        if node != CONTROLLER_NODE:
+            self._log(f"says something to node {node:#06x}, which nobody hears")
+            return
+        tokens = bytes([*node.to_bytes(2, "big"), end, *(int(token) & 0xFF for token in sent.tokens)])
+        # The links carry a message as a whole: it begins as late as its last token demands.
+        begins = max(sent.begins, sent.ends - (len(tokens) - 1) * self._link.cycles_per_token)
+        self._answers.append((tokens, begins + self._scheduler.now - self._own(self._scheduler.now)))
+
+    def _say_hello(self, link: int) -> bool:
+        return link == DOWN_LINK and not self.is_last
+
+    # Pins
+
+    def start(self, time: Timebase) -> None:
+        """The first pulse of the sync line: period 0 begins."""
+        self.execute()
+        self._record(self.core.cycle)
+        self._time = time
+        self._pulse()
+
+    def feel_pulse(self, tick: int) -> None:  # noqa: ARG002
+        """A later pulse of the sync line is due, at a tick of the device."""
+        self._pulse()
+
+    def _pulse(self) -> None:
+        if self.sync_connected and not self.stopped:
+            self.execute()
+            at = self._own(self._scheduler.now) + self._late_cycles
+            self.core.drive(SYNC_LINE, at, 1)
+            self.core.drive(SYNC_LINE, at + CYCLES_PER_TICK, 0)
+
+    def take_up_pulses(self, tick: int) -> None:
+        """Nothing: it feels each pulse itself."""
+
+    def listen(self, since: int) -> None:
+        """Nothing: its firmware listens."""
+
+    def set_temperature(self, celsius: int) -> None:
+        """The board has another temperature."""
+        self.temperature_c = celsius
+        self._move(TEMPERATURE, celsius & 0xFF)
+
+    def set_supply(self, millivolts: int) -> None:
+        """The output amplifiers get another voltage."""
+        self._move(SUPPLY_GOOD, int(millivolts in SUPPLY_RANGE_MV))
+
+    def _move(self, port: int, value: int) -> None:
+        self.execute()
+        self.core.drive(port, max(self._own(self._scheduler.now), self.core.cycle), value)
+
+    def slow_down(self, slowness: int) -> None:
+        """From now on every instruction takes so many times as long; 1 is as it should be."""
+        self.execute()
+        self.core.set_issue_cycles(ISSUE_CYCLES * slowness)
+
+    def stop(self) -> None:
+        """Lose power: the pins fall low at once, and nothing is executed any more."""
+        self.execute()
+        super().stop()
+
+    def set_clock_error(self, parts_per_billion: int) -> None:
+        """Its board's oscillator runs fast from now on, or slow if negative."""
+        self.execute()
+        super().set_clock_error(parts_per_billion)
+
+    # What it plays
+
+    def _record(self, until: int) -> None:
+        """Sample the port's pins at the end of each tick up to a core cycle."""
+        cycles, words = self.core.port_log(OUTPUTS)
+        if self._time is not None:
+            first = self._recording.ticks
+            last = max((until - self._time.origin - SAMPLING_CYCLES) // CYCLES_PER_TICK + 1, first)
+            ticks = -((self._time.origin + SAMPLING_CYCLES - cycles) // CYCLES_PER_TICK)
+            # A change is seen from the first sample after it on.
+            at = np.clip(ticks, first, last)
+            counts = np.diff(np.concatenate([[first], at, [last]]))
+            self._recording.extend(np.repeat(np.concatenate([[self._word], words]).astype(np.uint32), counts))
+        if len(words):
+            self._word = int(words[-1])
+
+    def track(self) -> Track:
+        """What its port did so far."""
+        self.execute()
+        self._record(self.core.cycle)
+        return Track(self._recording.recorded(), self.clock, tuple(self.forced))
+
+    def forget(self, period: int) -> None:
+        """Drop what its port did before a period of its own clock."""
+        self._recording.forget(period)
+
+
+def _words(unique_id: int) -> tuple[int, int]:
+    """What the boot program leaves in r0 and r1."""
+    return unique_id & 0xFFFF_FFFF, unique_id >> 32
+
+
+def _set_up(link: Link) -> int:
+    """The register of a link, as the boot program sets it up."""
+    wide = LinkField.WIDE if link.wires > 2 else 0
+    return wide | (link.cycles_per_symbol - 1) << 11 | link.token_delay

@@ -1,0 +1,90 @@
+"""The chain of processors that execute their firmware (SPEC.md, chapter CHN).
+
+Tokens reach a processor's channel ends at their times, and its answers leave when its firmware sends them. So the core
+of a processor that was asked something is executed in steps that are shorter than the way of an answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...protocol.board import CYCLES_PER_MS, PROCESSORS
+from ...protocol.chain import Collect, Message, Number, Playing, Report
+from ...protocol.codes import LINK_MS
+from ...protocol.timing import HOP_CYCLES, Link
+from ..boards.executed import ExecutedProcessor
+from ..boards.links import Passage
+from ..boards.package import AMBIENT_C
+from ..scheduler import Scheduler
+from ..trace import Tracer
+from .agenda import Change, UpdateBatch
+from .chain import Chain, Passing, Tamper
+
+__all__ = ["ExecutedChain"]
+
+STEP_CYCLES = HOP_CYCLES
+"""An answer that began within the last step has not reached the controller yet."""
+NUMBERING_STEP_CYCLES = 100 * HOP_CYCLES
+ANSWER_CYCLES = CYCLES_PER_MS
+"""After that nobody waits for an answer to a question any more; clause CHN-016 allows half of it."""
+IDENTITY_CYCLES = 2 * LINK_MS * CYCLES_PER_MS
+
+
+class ExecutedChain(Chain):
+    """A chain of processors that execute their firmware.
+
+    Parameters
+    ----------
+    scheduler, processors, link, tracer, tampers
+        As of `Chain`.
+    """
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        processors: Sequence[ExecutedProcessor],
+        link: Link,
+        tracer: Tracer,
+        tampers: Sequence[Tamper] = (),
+    ) -> None:
+        super().__init__(scheduler, processors, link, tracer, tampers)
+        self._executed = processors
+        self._delays = [0] * PROCESSORS
+        """How long each processor took for its last answer, in core cycles: when to look for the next."""
+
+    def apply(self, item: Change | UpdateBatch, begun: int = 0) -> None:
+        """Not possible: firmware hears messages only."""
+        raise NotImplementedError("a change reaches executed firmware as messages only")
+
+    def playing(self, number: int, period: int) -> Playing:
+        """Not possible: only the firmware knows."""
+        raise NotImplementedError("executed firmware is asked by messages only")
+
+    def first_report(self, number: int) -> Report:
+        """Nothing is known before it was asked."""
+        return Report(number, AMBIENT_C, 0, (0, 0, 0), 0, 0, 0, 0)
+
+    def _bring(self, passage: Passage, message: Message, passing: Passing) -> None:
+        assert passage.arrives is not None
+        place = passage.processor
+        self._executed[place].bring(passing.tokens, passage.arrives, ends=passing.ends)
+        if isinstance(message, Collect):
+            at = passage.arrives + max(self._delays[place] - 2 * STEP_CYCLES, STEP_CYCLES)
+            self._look(place, passage.arrives, at, STEP_CYCLES, passage.arrives + ANSWER_CYCLES)
+        elif isinstance(message, Number):
+            until = passage.arrives + IDENTITY_CYCLES
+            self._look(place, passage.arrives, passage.arrives + STEP_CYCLES, NUMBERING_STEP_CYCLES, until)
+
+    def _look(self, place: int, asked: int, at: int, step: int, until: int) -> None:
+        self._scheduler.at(at, lambda: self._look_now(place, asked, step, until))
+
+    def _look_now(self, place: int, asked: int, step: int, until: int) -> None:
+        """Let a processor come to the present; if it has answered, pass that on, else look again later."""
+        processor, now = self._executed[place], self._scheduler.now
+        processor.execute()
+        answers = processor.take_answers()
+        for tokens, begins in answers:
+            self._delays[place] = begins - asked
+            self._pass_up(place, tokens, begins)
+        if not answers and now < until and not processor.stopped:
+            self._look(place, asked, now + step, step, until)
