@@ -58,7 +58,7 @@ from .ports.clock import BoardClock, Timebase
 from .scheduler import NEVER, Branch, Scheduler
 from .trace import Tracer
 
-__all__ = ["Emulator", "Event", "open_emulator", "open_emulators"]
+__all__ = ["Emulator", "Event", "FirmwareChoice", "open_emulator", "open_emulators"]
 
 NOT_OPEN = "; an Emulator answers in a with statement, or after its open()"
 """The end of an error of a program that finds no emulator."""
@@ -67,6 +67,9 @@ PAST_CAPTURES = 16
 SYNC_WAIT_CYCLES = 5 * CORE_HZ
 """How long a device waits for the first pulse on a line that it listens to (clause CHN-026)."""
 MOST_CYCLES_PER_SYMBOL = 255  # a byte of INFO, clause REQ-002
+
+FirmwareChoice = Literal["model", "xs1"]
+"""Whether processors are models, or execute what the flash contains."""
 
 _open_emulators: dict[str, Emulator] = {}
 _serials = count(1)
@@ -147,7 +150,7 @@ class Emulator:
         unfolded: bool = False,
         history_periods: int | None = None,
         sync: SyncLine | None = None,
-        firmware: Image | Literal["model", "xs1"] = "model",
+        firmware: Image | FirmwareChoice = "model",
     ) -> None:
         if link.cycles_per_symbol > MOST_CYCLES_PER_SYMBOL:
             raise ValueError(
@@ -509,7 +512,7 @@ class Emulator:
             self.controller.unfold()
 
 
-def _factory_image(firmware: Image | Literal["model", "xs1"]) -> Image:
+def _factory_image(firmware: Image | FirmwareChoice) -> Image:
     if isinstance(firmware, Image):
         return firmware
     if firmware == "model":

@@ -23,7 +23,7 @@ from ..ports.recording import Recording
 from ..scheduler import Scheduler
 from .package import SUPPLY_RANGE_MV, Package
 
-__all__ = ["OUTPUTS", "SUPPLY_GOOD", "SYNC_LINE", "TEMPERATURE", "ExecutedProcessor"]
+__all__ = ["OUTPUTS", "SUPPLY_GOOD", "SYNC_LINE", "TEMPERATURE", "ExecutedProcessor", "with_end"]
 
 OUTPUTS, SYNC_LINE, SUPPLY_GOOD, TEMPERATURE = 0x20_0000, 0x1_0400, 0x1_0500, 0x8_0200
 """Ports 32A, 1F, 1G and 8C, by the architecture's identifiers."""
@@ -37,6 +37,7 @@ SAMPLING_CYCLES = 195
 SWITCH_CYCLES = 40
 """From a question to the switch to its answer: not published; the delay of a hop is assumed."""
 ISSUE_CYCLES = 4
+MOST_WAITING_TOKENS = 4096
 
 
 class ExecutedProcessor(Package):
@@ -90,7 +91,7 @@ class ExecutedProcessor(Package):
         """The channel end of a route whose END got lost."""
         self._answers: list[tuple[bytes, int]] = []
         self._trapped = False
-        self._held_up = 0
+        self._held_up = self._waiting_tokens = 0
 
     @property
     def number(self) -> int | None:
@@ -108,6 +109,7 @@ class ExecutedProcessor(Package):
 
     def execute(self) -> None:
         """Execute up to the present."""
+        self._waiting_tokens = 0
         self._execute_until(self._own(self._scheduler.now))
 
     def _execute_until(self, cycle: int) -> None:
@@ -142,9 +144,7 @@ class ExecutedProcessor(Package):
             Whether the last is END. Without, the route stays open: what follows runs into the same channel end, header
             and all.
         """
-        taken = np.frombuffer(tokens, np.uint8).astype(np.uint16)
-        if ends:
-            taken[-1] = CONTROL | END_TOKEN
+        taken = with_end(tokens[:-1]) if ends else np.frombuffer(tokens, np.uint8).astype(np.uint16)
         cycles = arrives - np.arange(len(taken) - 1, -1, -1) * self._link.cycles_per_token
         end = self._open_end
         if end is None:
@@ -156,11 +156,14 @@ class ExecutedProcessor(Package):
 
     def deliver(self, channel_end: int, tokens: NDArray[np.uint16], cycles: NDArray[np.int64]) -> None:
         """Let tokens reach a channel end, each at its core cycle."""
-        if not self.stopped:
+        if self.stopped:
+            return
+        if not self.clock.exact:
+            cycles = cycles + (self._own(self._scheduler.now) - self._scheduler.now)
+        self.core.deliver(channel_end, tokens, cycles)
+        self._waiting_tokens += len(tokens)
+        if self._waiting_tokens > MOST_WAITING_TOKENS:
             self.execute()
-            if not self.clock.exact:
-                cycles = cycles + (self._own(self._scheduler.now) - self._scheduler.now)
-            self.core.deliver(channel_end, tokens, cycles)
 
     def take_answers(self) -> list[tuple[bytes, int]]:
         """What it has said to the controller since the last call, with route headers and END, and when it began."""
@@ -266,6 +269,14 @@ class ExecutedProcessor(Package):
     def forget(self, period: int) -> None:
         """Drop what its port did before a period of its own clock."""
         self._recording.forget(period)
+
+
+def with_end(body: bytes) -> NDArray[np.uint16]:
+    """The tokens of a body, and END."""
+    tokens = np.empty(len(body) + 1, np.uint16)
+    tokens[:-1] = np.frombuffer(body, np.uint8)
+    tokens[-1] = CONTROL | END_TOKEN
+    return tokens
 
 
 def _words(unique_id: int) -> tuple[int, int]:

@@ -140,6 +140,23 @@ class Links:
         self._down.opened = None if ends else processor
         return self._down.carry(processor, tokens, at, reached=reached, opens=opened is None)
 
+    def train(self, processors: Sequence[int], tokens: Sequence[int], at: int) -> list[int] | None:
+        """Carry messages one right after the other from the controller, as as many calls of `down` would.
+
+        Parameters
+        ----------
+        processors, tokens : sequence of int
+            Of each message, as for `down`. Each has its END and reaches its processor.
+        at : int
+            Core cycle.
+
+        Returns
+        -------
+        list of int or None
+            When each has arrived. None if tokens must be followed one by one: nothing was carried then.
+        """
+        return None if self._down.opened is not None else self._down.carry_train(processors, tokens, at)
+
     def up(self, processor: int, tokens: int, at: int, *, ends: bool = True) -> Passage:
         """Carry a message from a processor to the controller; it begins at a cycle or when its first link is free.
 
@@ -317,6 +334,20 @@ class _Wires:
             self._busy[link] = leaves + hops * hop
         self._times = lambda: [(link, begins + hops * hop, leaves + hops * hop) for hops, link in enumerate(links)]
         return Passage(processor, begins, leaves, leaves + len(links) * hop)
+
+    def carry_train(self, processors: Sequence[int], tokens: Sequence[int], at: int) -> list[int] | None:
+        begins, hop = max(at, self._busy[0]), self._hop_cycles
+        # If every link is free when the first symbol may come, each message finds free what the one before has left.
+        if self._buffers is not None or any(begins + link * hop < busy for link, busy in enumerate(self._busy)):
+            return None
+        arrives = []
+        for processor, size in zip(processors, tokens, strict=True):
+            leaves = begins + size * self._cycles_per_token
+            self._recent[processor].append(_Sent(next(self._order), processor, size, begins, leaves, True))
+            self._busy[: processor + 1] = [leaves + link * hop for link in range(processor + 1)]
+            arrives.append(leaves + (processor + 1) * hop)
+            begins = leaves
+        return arrives
 
     def _carry_tokens(
         self, buffers: _Buffers, processor: int, tokens: int, at: int, *, reached: bool, opens: bool

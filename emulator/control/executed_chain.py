@@ -6,13 +6,19 @@ of a processor that was asked something is executed in steps that are shorter th
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ...protocol.board import CYCLES_PER_MS, PROCESSORS
-from ...protocol.chain import Collect, Message, Number, Playing, Report
-from ...protocol.codes import LINK_MS
+from ...protocol.chain import SLICE_BYTES, Collect, Commit, Message, Number, Playing, Report, Slice
+from ...protocol.codes import LINK_MS, ChannelEnd
 from ...protocol.timing import HOP_CYCLES, Link
-from ..boards.executed import ExecutedProcessor
+from ..boards.executed import ExecutedProcessor, with_end
 from ..boards.links import Passage
 from ..boards.package import AMBIENT_C
 from ..scheduler import Scheduler
@@ -28,6 +34,9 @@ NUMBERING_STEP_CYCLES = 100 * HOP_CYCLES
 ANSWER_CYCLES = CYCLES_PER_MS
 """After that nobody waits for an answer to a question any more; clause CHN-016 allows half of it."""
 IDENTITY_CYCLES = 2 * LINK_MS * CYCLES_PER_MS
+TRAIN_PLACES = [*range(PROCESSORS)] * 2
+TRAIN_TOKENS = [Slice.TOKENS] * PROCESSORS + [Commit.TOKENS] * PROCESSORS
+"""An update on the chain: ten slices, then ten commits."""
 
 
 class ExecutedChain(Chain):
@@ -64,6 +73,27 @@ class ExecutedChain(Chain):
         """Nothing is known before it was asked."""
         return Report(number, AMBIENT_C, 0, (0, 0, 0), 0, 0, 0, 0)
 
+    def send(self, change: Change) -> None:
+        """Send the messages of a change (clause CHN-029)."""
+        if not (self._tampers or self.tracer.watching or self.broken) and change.packed is not None:
+            arrives = self.links.train(TRAIN_PLACES, TRAIN_TOKENS, self._scheduler.now)
+            if arrives is not None:
+                self._bring_update(change.period, change.packed, arrives)
+                change = replace(change, packed=None)
+        super().send(change)
+
+    def _bring_update(self, period: int, packed: bytes, arrives: list[int]) -> None:
+        """Bring slices and commits that arrive whole, each at a core cycle, in the order of their sending."""
+        named, token = period.to_bytes(8, "little"), self.link.cycles_per_token
+        for processor, slice_arrives, commit_arrives in zip(
+            self._executed, arrives[:PROCESSORS], arrives[PROCESSORS:], strict=True
+        ):
+            piece = packed[processor.place * SLICE_BYTES : (processor.place + 1) * SLICE_BYTES]
+            checksum = zlib.crc32(named, zlib.crc32(piece)).to_bytes(4, "little")
+            processor.deliver(ChannelEnd.SLICE, with_end(piece), slice_arrives + _before_end(SLICE_BYTES, token))
+            body = named + checksum
+            processor.deliver(ChannelEnd.COMMIT, with_end(body), commit_arrives + _before_end(len(body), token))
+
     def _bring(self, passage: Passage, message: Message, passing: Passing) -> None:
         assert passage.arrives is not None
         place = passage.processor
@@ -88,3 +118,9 @@ class ExecutedChain(Chain):
             self._pass_up(place, tokens, begins)
         if not answers and now < until and not processor.stopped:
             self._look(place, asked, now + step, step, until)
+
+
+@cache
+def _before_end(body_bytes: int, cycles_per_token: int) -> NDArray[np.int64]:
+    """When the tokens of a body and of END arrive, against the last."""
+    return np.arange(-body_bytes, 1) * cycles_per_token

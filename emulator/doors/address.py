@@ -13,7 +13,7 @@ from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 from ...protocol.framing import BAUD
 from ...protocol.timing import FIVE_WIRE, LINKS, Link
 from ..firmware.flash import Flash
-from ..machine import Emulator
+from ..machine import Emulator, FirmwareChoice
 from ..scenario import read_scenario
 from .uart import MOST_BAUD
 
@@ -23,7 +23,9 @@ SPEEDS = {"high": HIGH_SPEED, "full": FULL_SPEED}
 USB, SERIAL = "usb", "serial"
 DOORS = {door: door for door in (USB, SERIAL)}
 
-OF_THE_DEVICE = {"link": "5wire or 2wire", "speed": "high or full", "faults": "FILE"}
+FIRMWARE: dict[str, FirmwareChoice] = {"model": "model", "xs1": "xs1"}
+
+OF_THE_DEVICE = {"link": "5wire or 2wire", "speed": "high or full", "firmware": "model or xs1", "faults": "FILE"}
 OF_THE_DOOR = {"door": "usb or serial", "baud": "RATE (of door=serial)"}
 
 Choice = TypeVar("Choice")
@@ -39,6 +41,8 @@ class EmulatorUrl:
         Serial number of a device that is plugged in; empty for a fresh one.
     link, speed : Link, Speed
         For a fresh one.
+    firmware : "model" or "xs1"
+        Whether the processors of a fresh one are models, or execute their firmware.
     faults : Path or None
         Fault scenario for a fresh one.
     baud : int
@@ -48,6 +52,7 @@ class EmulatorUrl:
     serial: str
     link: Link
     speed: Speed
+    firmware: FirmwareChoice
     faults: Path | None
     baud: int
 
@@ -56,8 +61,9 @@ class EmulatorUrl:
         """Parse a URL.
 
         ``emulator:`` is a fresh emulator for the caller, with options ``?link=5wire`` or ``2wire``, ``speed=high``
-        or ``full`` and ``faults=FILE``, a scenario; ``emulator:SERIAL`` is one that this process has plugged in. Both
-        have ``door=usb`` or ``serial``, and the latter ``baud=RATE``. Options are joined by ``&``.
+        or ``full``, ``firmware=model`` or ``xs1`` and ``faults=FILE``, a scenario; ``emulator:SERIAL`` is one that this
+        process has plugged in. Both have ``door=usb`` or ``serial``, and the latter ``baud=RATE``. Options are joined
+        by ``&``.
 
         Raises
         ------
@@ -82,6 +88,7 @@ class EmulatorUrl:
             serial,
             _choice(url, "link", LINKS, options.get("link", FIVE_WIRE.name)),
             _choice(url, "speed", SPEEDS, options.get("speed", "high")),
+            _choice(url, "firmware", FIRMWARE, options.get("firmware", "model")),
             Path(options["faults"]) if "faults" in options else None,
             _baud(url, options.get("baud", str(BAUD))),
         )
@@ -94,7 +101,13 @@ class EmulatorUrl:
         InputFileError
             If the scenario cannot be read, or contains something impossible.
         """
-        emulator = Emulator(link=self.link, speed=self.speed, flash=flash, history_periods=history_periods)
+        emulator = Emulator(
+            link=self.link,
+            speed=self.speed,
+            flash=flash,
+            history_periods=history_periods,
+            firmware=self.firmware,
+        )
         if self.faults is None:
             return emulator
         try:

@@ -22,7 +22,7 @@ from ...emulator import Emulator
 from ...emulator.doors.address import EmulatorUrl
 from ...emulator.firmware.flash import Flash
 from ...emulator.firmware.loader import DeviceIdentity, make_flash
-from ...emulator.machine import open_emulator
+from ...emulator.machine import FirmwareChoice, open_emulator
 from ...errors import DeviceNotFoundError
 from ...host.lines.opening import SCHEMES, entries, load_by_scheme
 from ...host.lines.serial_line import PORTS
@@ -312,15 +312,17 @@ def _emulated(url: str, key: Ed25519PrivateKey | None, stack: ExitStack) -> tupl
         if named is None:
             raise DeviceNotFoundError(f"no device at {url!r}: nothing of this serial number is plugged in")
         return named, url
-    emulator = stack.enter_context(address.make(_flash(key)))
+    emulator = stack.enter_context(address.make(_flash(key, address.firmware)))
     options = [option for option in rest.removeprefix("?").split("&") if option.startswith(("door=", "baud="))]
     return emulator, emulator.url + ("?" + "&".join(options) if options else "")
 
 
-def _flash(key: Ed25519PrivateKey | None) -> Flash:
-    """Parameters of a device with as many blocks and sectors of firmware as a real one; no firmware runs."""
+def _flash(key: Ed25519PrivateKey | None, firmware: FirmwareChoice) -> Flash:
+    """Parameters of a device with as many blocks and sectors of firmware as a real one."""
+    from ...firmware import factory_image
+
     segments = (Segment(Target.ALL_PROCESSORS, bytes(range(1, 256)) * 21), Segment(Target.CONTROLLER, bytes(6000)))
-    image = Image(Version(1, 0, 0), segments)
+    image = factory_image() if firmware == "xs1" else Image(Version(1, 0, 0), segments)
     keys = () if key is None else (key.public_key(),)
     identity = DeviceIdentity(f"CONFORMANCE-{next(_serials)}", Wiring.strips(), keys)
     return make_flash(identity, image if key is None else sign(image, key))

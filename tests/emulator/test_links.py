@@ -76,6 +76,33 @@ def test_ten_slices_and_ten_commits(make: Make, link: Link, microseconds: float)
     assert all(before.leaves == after.begins for before, after in pairwise(passages))
 
 
+@given(
+    before=st.lists(st.tuples(st.integers(0, 9), st.integers(1, 70), st.integers(0, 3000)), max_size=4),
+    train=st.lists(st.tuples(st.integers(0, 9), st.integers(1, 70)), min_size=1, max_size=20),
+    after=st.lists(st.tuples(st.integers(0, 9), st.integers(1, 70), st.integers(0, 9000)), max_size=4),
+    at=st.integers(0, 4000),
+)
+def test_a_train_goes_as_its_messages_would(
+    before: list[tuple[int, int, int]], train: list[tuple[int, int]], after: list[tuple[int, int, int]], at: int
+) -> None:
+    together, apart = chain(), chain()
+    for links in (together, apart):
+        for message in before:
+            links.down(*message)
+    arrives = together.train([place for place, _ in train], [tokens for _, tokens in train], at)
+    if arrives is None:
+        return
+    assert arrives == [apart.down(place, tokens, at).arrives for place, tokens in train]
+    assert [together.down(*message) for message in after] == [apart.down(*message) for message in after]
+
+
+def test_a_train_is_not_for_links_whose_tokens_are_followed() -> None:
+    assert followed().train([0, 1], [SLICE, SLICE], 0) is None
+    opened = chain()
+    opened.down(3, SLICE, 0, ends=False)
+    assert opened.train([0], [SLICE], 9000) is None
+
+
 def test_spans_come_one_delay_after_another() -> None:
     links = chain()
     links.down(2, COLLECT, 100)
