@@ -518,9 +518,9 @@ def _factory_image(firmware: Image | FirmwareChoice) -> Image:
     if firmware == "model":
         return FACTORY_IMAGE
     if firmware == "xs1":
-        from ..firmware import factory_image  # only executed devices need it
+        from ..firmware.images import device_image  # only executed devices need it
 
-        return factory_image()
+        return device_image()
     raise ValueError(f"firmware {firmware!r}: give 'model', 'xs1' or an image")
 
 

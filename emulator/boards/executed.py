@@ -19,7 +19,7 @@ from ...xs1.core import Core, Sent, Stop
 from ...xs1.switch import SWITCH_CONFIGURATION, XLINK, LinkField, Switch
 from ..ports.capture import Track
 from ..ports.clock import BoardClock, Timebase
-from ..ports.recording import Recording
+from ..ports.recording import PortRecording
 from ..scheduler import Scheduler
 from .package import SUPPLY_RANGE_MV, Package
 
@@ -85,7 +85,7 @@ class ExecutedProcessor(Package):
         self.core.watch(OUTPUTS)
         for port, value in ((SYNC_LINE, 0), (SUPPLY_GOOD, 1), (TEMPERATURE, self.temperature_c)):
             self.core.drive(port, scheduler.now, value)
-        self._recording = Recording()
+        self._recording = PortRecording()
         self._word = 0
         self._open_end: int | None = None
         """The channel end of a route whose END got lost."""

@@ -28,7 +28,7 @@ from ...protocol.pulses import MODULATED_WIDTH
 from ...protocol.wiring import Pin, Wiring
 from .clock import BoardClock
 from .history import Segments
-from .recording import Recorded
+from .recording import PortRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,14 +56,14 @@ class Forced(NamedTuple):
 class Track(NamedTuple):
     """What one port did."""
 
-    segments: Segments | Recorded
+    segments: Segments | PortRecord
     clock: BoardClock
     forced: tuple[Forced, ...] = ()
 
     @property
     def deranged(self) -> bool:
         """Whether its bits are not those of known pulses: recorded ones, a clock of its own, or pins that are held."""
-        return isinstance(self.segments, Recorded) or bool(self.forced) or not self.clock.exact
+        return isinstance(self.segments, PortRecord) or bool(self.forced) or not self.clock.exact
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,9 +345,9 @@ def _deranged(track: Track, start: int, stop: int) -> NDArray[np.uint32]:
     return words
 
 
-def _played(segments: Segments | Recorded, start: int, stop: int) -> NDArray[np.uint32]:
+def _played(segments: Segments | PortRecord, start: int, stop: int) -> NDArray[np.uint32]:
     """The words that one port plays at its own ticks, (stop - start,)."""
-    if isinstance(segments, Recorded):
+    if isinstance(segments, PortRecord):
         return segments.words(start, stop)
     from .raster import expand
 

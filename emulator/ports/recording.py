@@ -15,10 +15,10 @@ from ...protocol.board import TICKS_PER_PERIOD
 from ...protocol.chain import SLICE_BYTES
 from .history import FULL, SILENT, Rows
 
-__all__ = ["Recorded", "Recording"]
+__all__ = ["PortRecord", "PortRecording"]
 
 
-class Recorded(NamedTuple):
+class PortRecord(NamedTuple):
     """A recording as it was at some moment."""
 
     starts: NDArray[np.int64]
@@ -48,7 +48,7 @@ class Recorded(NamedTuple):
 BEFORE_ALL = -(2**62)
 
 
-class Recording:
+class PortRecording:
     """Takes the words of successive ticks."""
 
     def __init__(self) -> None:
@@ -76,14 +76,14 @@ class Recording:
         self._tables.extend(tables[new])
         self._period += whole
 
-    def recorded(self) -> Recorded:
+    def recorded(self) -> PortRecord:
         """All of it, as it is now; what is not recorded yet of a period that has begun counts as silent."""
         starts, tables = self._starts.view(), self._tables.view()
         if not len(self._begun):
-            return Recorded(starts, tables)
+            return PortRecord(starts, tables)
         last = np.zeros((1, TICKS_PER_PERIOD), np.uint32)
         last[0, : len(self._begun)] = self._begun
-        return Recorded(np.append(starts, self._period), np.concatenate([tables, last]))
+        return PortRecord(np.append(starts, self._period), np.concatenate([tables, last]))
 
     def forget(self, period: int) -> None:
         """Drop what had ended when a period began."""

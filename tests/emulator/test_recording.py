@@ -1,11 +1,11 @@
-"""Recorded port words, against the words that were recorded."""
+"""PortRecord port words, against the words that were recorded."""
 
 from __future__ import annotations
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.ports.recording import Recording
+from phasewire.emulator.ports.recording import PortRecording
 
 TICKS = 50
 
@@ -20,7 +20,7 @@ TICKS = 50
 def test_words_come_back_as_they_were(periods: list[int], rest: int, cuts: list[int], start: int, length: int) -> None:
     tables = np.random.default_rng(1).integers(0, 2**32, (4, TICKS), dtype=np.uint32)
     words = np.concatenate([tables[periods].reshape(-1), tables[1, :rest]])
-    recording = Recording()
+    recording = PortRecording()
     for part in np.split(words, sorted(cuts)):
         recording.extend(part)
     assert recording.ticks == len(words)
@@ -32,7 +32,7 @@ def test_words_come_back_as_they_were(periods: list[int], rest: int, cuts: list[
 
 
 def test_what_stays_the_same_is_kept_once() -> None:
-    recording = Recording()
+    recording = PortRecording()
     recording.extend(np.tile(np.arange(TICKS, dtype=np.uint32), 1000))
     seen = recording.recorded()
     assert seen.starts[1:].tolist() == [0]
@@ -40,7 +40,7 @@ def test_what_stays_the_same_is_kept_once() -> None:
 
 
 def test_what_is_over_can_be_forgotten() -> None:
-    recording = Recording()
+    recording = PortRecording()
     words = np.repeat(np.arange(1, 11, dtype=np.uint32), TICKS)
     recording.extend(words)
     before = recording.recorded()
