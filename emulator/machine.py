@@ -281,7 +281,11 @@ class Emulator:
         self.chain = self._executed_chain(booted) if self._executes else self._modelled_chain(booted)
         self.processors = self.chain.processors
         self._faults.afflict()
-        Numbering(self._life, self.chain, lambda identities: self._begin(booted, identities))
+        begin = partial(self._begin, booted)
+        self._life.at(
+            self.scheduler.now + self.chain.starting_cycles,
+            partial(Numbering, self._life, self.chain, begin),
+        )
 
     def _modelled_chain(self, booted: Boot) -> Chain:
         assert self._life is not None

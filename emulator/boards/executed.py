@@ -206,7 +206,7 @@ class ExecutedProcessor(Package):
     def _pulse(self) -> None:
         if self.sync_connected and not self.stopped:
             self.execute()
-            at = self._own(self._scheduler.now) + self._late_cycles
+            at = self._next + self._late_cycles
             self.core.drive(SYNC_LINE, at, 1)
             self.core.drive(SYNC_LINE, at + CYCLES_PER_TICK, 0)
 
@@ -227,7 +227,12 @@ class ExecutedProcessor(Package):
 
     def _move(self, port: int, value: int) -> None:
         self.execute()
-        self.core.drive(port, max(self._own(self._scheduler.now), self.core.cycle), value)
+        self.core.drive(port, self._next, value)
+
+    @property
+    def _next(self) -> int:
+        """The first core cycle that was not executed."""
+        return max(self._own(self._scheduler.now), self.core.cycle + 1)
 
     def slow_down(self, slowness: int) -> None:
         """From now on every instruction takes so many times as long; 1 is as it should be."""

@@ -85,6 +85,9 @@ class Chain(ABC):
         What is done to messages, one after the other; each takes a message and gives it as it arrives.
     """
 
+    starting_cycles = 0
+    """From the start of the last program until it can be numbered."""
+
     def __init__(
         self,
         scheduler: Scheduler,

@@ -31,6 +31,8 @@ __all__ = ["ExecutedChain"]
 STEP_CYCLES = HOP_CYCLES
 """An answer that began within the last step has not reached the controller yet."""
 NUMBERING_STEP_CYCLES = 100 * HOP_CYCLES
+STARTING_CYCLES = 4_000
+"""10 µs: the last boot program checks a CRC-32 and starts the firmware, which must get its channel ends. An assumption."""
 ANSWER_CYCLES = CYCLES_PER_MS
 """After that nobody waits for an answer to a question any more; clause CHN-016 allows half of it."""
 IDENTITY_CYCLES = 2 * LINK_MS * CYCLES_PER_MS
@@ -47,6 +49,8 @@ class ExecutedChain(Chain):
     scheduler, processors, link, tracer, tampers
         As of `Chain`.
     """
+
+    starting_cycles = STARTING_CYCLES
 
     def __init__(
         self,

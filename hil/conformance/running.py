@@ -319,10 +319,10 @@ def _emulated(url: str, key: Ed25519PrivateKey | None, stack: ExitStack) -> tupl
 
 def _flash(key: Ed25519PrivateKey | None, firmware: FirmwareChoice) -> Flash:
     """Parameters of a device with as many blocks and sectors of firmware as a real one."""
-    from ...firmware import factory_image
+    from ...firmware.images import device_image
 
     segments = (Segment(Target.ALL_PROCESSORS, bytes(range(1, 256)) * 21), Segment(Target.CONTROLLER, bytes(6000)))
-    image = factory_image() if firmware == "xs1" else Image(Version(1, 0, 0), segments)
+    image = device_image() if firmware == "xs1" else Image(Version(1, 0, 0), segments)
     keys = () if key is None else (key.public_key(),)
     identity = DeviceIdentity(f"CONFORMANCE-{next(_serials)}", Wiring.strips(), keys)
     return make_flash(identity, image if key is None else sign(image, key))
