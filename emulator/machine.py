@@ -281,11 +281,11 @@ class Emulator:
         self.chain = self._executed_chain(booted) if self._executes else self._modelled_chain(booted)
         self.processors = self.chain.processors
         self._faults.afflict()
-        begin = partial(self._begin, booted)
-        self._life.at(
-            self.scheduler.now + self.chain.starting_cycles,
-            partial(Numbering, self._life, self.chain, begin),
-        )
+        self._life.at(self.scheduler.now + self.chain.starting_cycles, partial(self._begin_numbering, booted))
+
+    def _begin_numbering(self, booted: Boot) -> None:
+        assert self._life is not None
+        Numbering(self._life, self.chain, partial(self._begin, booted))
 
     def _modelled_chain(self, booted: Boot) -> Chain:
         assert self._life is not None

@@ -119,8 +119,8 @@ class Chain(ABC):
         """What a processor of a folded chain plays in a period."""
 
     @abstractmethod
-    def first_report(self, number: int) -> Report:
-        """What is known of a processor when period 0 begins."""
+    def first_report(self, number: int, identity: Identity) -> Report:
+        """What is known of a processor, by its number and what it said of itself, when period 0 begins."""
 
     @abstractmethod
     def _bring(self, passage: Passage, message: Message, passing: Passing) -> None:
@@ -265,7 +265,7 @@ class ModelledChain(Chain):
         """What a processor plays in a period."""
         return self._models[number].playing(period)
 
-    def first_report(self, number: int) -> Report:
+    def first_report(self, number: int, identity: Identity) -> Report:  # noqa: ARG002
         """Its report, read off it."""
         report = self._models[number].receive(Collect(number, ChannelEnd.REPORT).encode())
         assert isinstance(report, Report)

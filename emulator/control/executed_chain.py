@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...protocol.board import CYCLES_PER_MS, PROCESSORS
-from ...protocol.chain import SLICE_BYTES, Collect, Commit, Message, Number, Playing, Report, Slice
+from ...protocol.chain import SLICE_BYTES, Collect, Commit, Identity, Message, Number, Playing, Report, Slice
 from ...protocol.codes import LINK_MS, ChannelEnd
 from ...protocol.timing import HOP_CYCLES, Link
 from ..boards.executed import ExecutedProcessor, with_end
@@ -32,7 +32,7 @@ STEP_CYCLES = HOP_CYCLES
 """An answer that began within the last step has not reached the controller yet."""
 NUMBERING_STEP_CYCLES = 100 * HOP_CYCLES
 STARTING_CYCLES = 4_000
-"""10 µs: the last boot program checks a CRC-32 and starts the firmware, which must get its channel ends. An assumption."""
+"""10 µs, an assumption: the last boot program checks a CRC-32 and starts the firmware, which gets its channel ends."""
 ANSWER_CYCLES = CYCLES_PER_MS
 """After that nobody waits for an answer to a question any more; clause CHN-016 allows half of it."""
 IDENTITY_CYCLES = 2 * LINK_MS * CYCLES_PER_MS
@@ -73,9 +73,9 @@ class ExecutedChain(Chain):
         """Not possible: only the firmware knows."""
         raise NotImplementedError("executed firmware is asked by messages only")
 
-    def first_report(self, number: int) -> Report:
-        """Nothing is known before it was asked."""
-        return Report(number, AMBIENT_C, 0, (0, 0, 0), 0, 0, 0, 0)
+    def first_report(self, number: int, identity: Identity) -> Report:
+        """Only its version is known before it was asked."""
+        return Report(number, AMBIENT_C, 0, identity.firmware, 0, 0, 0, 0)
 
     def send(self, change: Change) -> None:
         """Send the messages of a change (clause CHN-029)."""

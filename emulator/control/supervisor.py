@@ -88,7 +88,7 @@ class Supervisor:
         self._on_fault = on_fault
         self._on_miss = on_miss
         self.complete = len(identities) == PROCESSORS
-        self._reports = [chain.first_report(number) for number in range(len(identities))]
+        self._reports = [chain.first_report(number, identity) for number, identity in enumerate(identities)]
         self._latched = [Fault(report.faults) for report in self._reports] + [Fault(0)] * PROCESSORS
         self._unanswered = [0] * PROCESSORS
         self._left_alone: dict[int, int] = {}

@@ -11,6 +11,7 @@ import pytest
 from phasewire import Emulator, Pulses
 from phasewire.emulator import Event
 from phasewire.emulator.door import Handshake, Stall
+from phasewire.emulator.machine import FirmwareChoice
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -68,9 +69,17 @@ def test_the_session_of_the_specification_on_a_whole_device(usb: bool) -> None:
 class Program:
     """A long random program for a whole device; `heard` keeps all its answers and outputs."""
 
-    def __init__(self, seed: int, *, unfolded: bool, link: Link = FIVE_WIRE, faults: bool = False) -> None:
+    def __init__(
+        self,
+        seed: int,
+        *,
+        unfolded: bool,
+        link: Link = FIVE_WIRE,
+        faults: bool = False,
+        firmware: FirmwareChoice = "model",
+    ) -> None:
         self.random = np.random.default_rng(seed)
-        self.device = Device(Emulator(unfolded=unfolded, link=link, serial="SAME"))
+        self.device = Device(Emulator(unfolded=unfolded, link=link, serial="SAME", firmware=firmware))
         self.terminal = Terminal(self.device.emulator.line)
         self.terminal.enter_frames()
         self.heard: list[object] = []

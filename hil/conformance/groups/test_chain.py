@@ -106,17 +106,23 @@ def expect_counts(bench: Bench, missed: Mapping[int, int], damaged: Mapping[int,
     expect("the damaged messages in the status", status.damaged_messages, sum(damaged.values()))
 
 
-def expect_faults(bench: Bench, fault: Fault, *processors: int) -> None:
-    """Fail unless the status has exactly these faults, and exactly these processors report them."""
-    expect("the faults in the status", bench.status().faults, fault)
+def expect_faults(bench: Bench, fault: Fault, *processors: int, besides: Fault = NO_FAULTS) -> None:
+    """Fail unless the status has exactly these faults, and exactly these processors report them.
+
+    They may have the faults `besides` too.
+    """
+    expect("the faults in the status", bench.status().faults & ~besides, fault)
     wanted = [fault if place in processors else NO_FAULTS for place in range(PROCESSORS)]
-    expect("the faults of the processors", [report.faults for report in bench.processors()], wanted)
+    reported = [report.faults for report in bench.processors()]
+    seen = [faults & ~besides if place in processors else faults for place, faults in enumerate(reported)]
+    expect("the faults of the processors", seen, wanted)
 
 
-def expect_told(bench: Bench, state: State, fault: Fault) -> Status:
-    """Fail unless the device has sent one unsolicited record, with this fault and the state."""
+def expect_told(bench: Bench, state: State, fault: Fault, besides: Fault = NO_FAULTS) -> Status:
+    """Fail unless the device has sent one unsolicited record, with this fault, maybe some besides, and the state."""
     said = told(bench)
-    expect("the unsolicited records", [(status.state, status.faults) for status in said], [(state, fault)])
+    seen = [(status.state, status.faults & ~besides) for status in said]
+    expect("the unsolicited records", seen, [(state, fault)])
     return said[0]
 
 
@@ -834,16 +840,20 @@ def test_a_board_whose_clock_is_off_is_silenced(bench: Bench, ppm: int) -> None:
     bench.levers.cause(faults.ClockError(board=board, ppm=ppm, period=begins))
     pulse = begins - 1 + SYNC_PERIODS
     bench.wait_until(pulse + 450)
-    learned = expect_learned(expect_told(bench, State.FAULT, Fault.SYNC), pulse)
-    expect_faults(bench, Fault.SYNC, *places_of(board))
+    # By the board's own count the silence may come too late: a missed commit, which is the fault CHAIN (CHN-004). It is
+    # told after SYNC, in a record that takes the place of one that was not read.
+    said = expect_told(bench, State.FAULT, Fault.SYNC, besides=Fault.CHAIN)
+    learned = expect_learned(said, pulse)
+    earliest = pulse if Fault.CHAIN in said.faults else learned
+    expect_faults(bench, Fault.SYNC, *places_of(board), besides=Fault.CHAIN)
 
     def check(seen: Seen) -> None:
         own, rest = seen.observed.copy(), seen.observed.copy()
         own[[place for place in range(PROCESSORS) if place not in places_of(board)]] = 0
         rest[places_of(board)] = 0
         check_silent(replace(seen, observed=own), pulse + 2)
-        tick = learned * TICKS_PER_PERIOD
-        check_falls_silent(replace(seen, observed=rest), field.words, tick + 1, tick)
+        first, last = earliest * TICKS_PER_PERIOD + 1, learned * TICKS_PER_PERIOD
+        check_falls_silent(replace(seen, observed=rest), field.words, first, last)
 
     bench.judge(field.period, pulse + 450, check)
 
