@@ -1,0 +1,2787 @@
+# compiled of reference/core/sums.c, sha256 479742ae2b57a25c436a3a06077a57678152058ddb2d9f6b4c39bb953474bd2f
+	.text
+	.file	"sums.c"
+	.section	.cp.rodata.cst4,"aMc",@progbits,4
+	.p2align	2
+.LCPI0_0:
+	.long	4294967293
+.LCPI0_1:
+	.long	4294967294
+.LCPI0_2:
+	.long	4294967288
+	.text
+	.globl	pw_crc32
+	.p2align	2
+	.type	pw_crc32,@function
+	.cc_top pw_crc32.function,pw_crc32
+pw_crc32:
+	entsp 9
+	stw r4, sp[8]
+	stw r5, sp[7]
+	stw r6, sp[6]
+	stw r7, sp[5]
+	stw r8, sp[4]
+	stw r9, sp[3]
+	stw r10, sp[2]
+	not r0, r0
+	ldc r3, 8
+	lsu r3, r2, r3
+	bt r3, .LBB0_1
+	stw r1, sp[1]
+	add r3, r1, 3
+	ldc r1, 1020
+	stw r2, sp[0]
+	mov r7, r2
+.LBB0_8:
+	ldw r2, cp[.LCPI0_0]
+	ld8u r2, r3[r2]
+	ldw r11, cp[.LCPI0_1]
+	ld8u r11, r3[r11]
+	shl r11, r11, 8
+	mkmsk r4, 32
+	ld8u r4, r3[r4]
+	ldc r5, 0
+	ld8u r8, r3[r5]
+	shl r8, r8, 24
+	shl r4, r4, 16
+	or r2, r11, r2
+	or r2, r2, r4
+	or r2, r2, r8
+	xor r5, r2, r0
+	mkmsk r0, 1
+	ld8u r4, r3[r0]
+	ldc r0, 2
+	ld8u r10, r3[r0]
+	mkmsk r0, 2
+	ld8u r9, r3[r0]
+	ldc r0, 4
+	ld8u r8, r3[r0]
+	mov r2, r5
+	zext r2, 8
+	ldaw r11, cp[crc_tables]
+	mov r0, r11
+	ldaw r11, cp[crc_tables+7168]
+	ldw r2, r11[r2]
+	shr r11, r5, 6
+	and r6, r11, r1
+	ldaw r11, cp[crc_tables+6144]
+	add r11, r6, r11
+	ldw r11, r11[0]
+	xor r2, r11, r2
+	ldc r11, 14
+	shr r11, r5, r11
+	and r6, r11, r1
+	ldaw r11, cp[crc_tables+5120]
+	add r11, r6, r11
+	ldw r11, r11[0]
+	xor r2, r2, r11
+	ldc r11, 22
+	shr r11, r5, r11
+	and r5, r11, r1
+	ldaw r11, cp[crc_tables+4096]
+	add r11, r5, r11
+	ldw r11, r11[0]
+	xor r2, r2, r11
+	ldaw r11, cp[crc_tables+3072]
+	ldw r11, r11[r4]
+	xor r2, r2, r11
+	ldaw r11, cp[crc_tables+2048]
+	ldw r11, r11[r10]
+	xor r2, r2, r11
+	ldaw r11, cp[crc_tables+1024]
+	ldw r11, r11[r9]
+	xor r2, r2, r11
+	ldw r0, r0[r8]
+	xor r0, r2, r0
+	add r3, r3, 8
+	sub r7, r7, 8
+	mkmsk r2, 3
+	lsu r2, r2, r7
+	bt r2, .LBB0_8
+	ldw r1, cp[.LCPI0_2]
+	ldw r2, sp[0]
+	and r11, r2, r1
+	ldw r1, sp[1]
+	lsu r3, r11, r2
+	bt r3, .LBB0_4
+	bu .LBB0_6
+.LBB0_1:
+	ldc r11, 0
+	lsu r3, r11, r2
+	bf r3, .LBB0_6
+.LBB0_4:
+	sub r5, r2, r11
+	add r2, r1, r11
+	ldc r3, 0
+.LBB0_5:
+	ld8u r11, r2[r3]
+	shr r4, r0, 8
+	zext r0, 8
+	xor r0, r0, r11
+	ldaw r11, cp[crc_tables]
+	ldw r0, r11[r0]
+	xor r0, r0, r4
+	sub r5, r5, 1
+	add r2, r2, 1
+	bt r5, .LBB0_5
+.LBB0_6:
+	not r0, r0
+	ldw r10, sp[2]
+	ldw r9, sp[3]
+	ldw r8, sp[4]
+	ldw r7, sp[5]
+	ldw r6, sp[6]
+	ldw r5, sp[7]
+	ldw r4, sp[8]
+	retsp 9
+	.cc_bottom pw_crc32.function
+.Lfunc_end0:
+	.size	pw_crc32, .Lfunc_end0-pw_crc32
+
+	.globl	pw_sha256_begin
+	.p2align	2
+	.type	pw_sha256_begin,@function
+	.cc_top pw_sha256_begin.function,pw_sha256_begin
+pw_sha256_begin:
+	entsp 2
+	stw r4, sp[1]
+	mov r4, r0
+	ldaw r11, cp[first_state]
+	mov r1, r11
+	ldc r2, 32
+	bl __memcpy_4
+	ldc r0, 0
+	stw r0, r4[9]
+	stw r0, r4[8]
+	ldw r4, sp[1]
+	retsp 2
+	.cc_bottom pw_sha256_begin.function
+.Lfunc_end1:
+	.size	pw_sha256_begin, .Lfunc_end1-pw_sha256_begin
+
+	.globl	pw_sha256_add
+	.p2align	2
+	.type	pw_sha256_add,@function
+	.cc_top pw_sha256_add.function,pw_sha256_add
+pw_sha256_add:
+	entsp 9
+	stw r4, sp[8]
+	stw r5, sp[7]
+	stw r6, sp[6]
+	stw r7, sp[5]
+	stw r8, sp[4]
+	stw r9, sp[3]
+	stw r10, sp[2]
+	mov r4, r2
+	mov r5, r1
+	mov r6, r0
+	ldw r0, r6[9]
+	ldw r10, r6[8]
+	ldc r1, 0
+	ladd r2, r1, r10, r4, r1
+	add r0, r0, r2
+	stw r1, r6[8]
+	stw r0, r6[9]
+	bf r4, .LBB2_7
+	zext r10, 6
+	ldaw r0, r6[10]
+	stw r0, sp[1]
+	ldc r9, 64
+	ldc r7, 0
+	bu .LBB2_2
+.LBB2_6:
+	add r7, r8, r7
+	lsu r0, r7, r4
+	bf r0, .LBB2_7
+.LBB2_2:
+	sub r0, r9, r10
+	sub r8, r4, r7
+	lsu r1, r8, r0
+	bt r1, .LBB2_4
+	mov r8, r0
+.LBB2_4:
+	add r0, r6, r10
+	ldaw r0, r0[10]
+	add r1, r5, r7
+	mov r2, r8
+	bl memcpy
+	add r10, r8, r10
+	eq r0, r10, r9
+	bf r0, .LBB2_6
+	mov r0, r6
+	ldw r1, sp[1]
+	bl compress
+	ldc r10, 0
+	bu .LBB2_6
+.LBB2_7:
+	ldw r10, sp[2]
+	ldw r9, sp[3]
+	ldw r8, sp[4]
+	ldw r7, sp[5]
+	ldw r6, sp[6]
+	ldw r5, sp[7]
+	ldw r4, sp[8]
+	retsp 9
+	.cc_bottom pw_sha256_add.function
+.Lfunc_end2:
+	.size	pw_sha256_add, .Lfunc_end2-pw_sha256_add
+
+	.p2align	2
+	.type	compress,@function
+	.cc_top compress.function,compress
+compress:
+	entsp 42
+	stw r4, sp[41]
+	stw r5, sp[40]
+	stw r6, sp[39]
+	stw r7, sp[38]
+	stw r8, sp[37]
+	stw r9, sp[36]
+	stw r10, sp[35]
+	ldc r7, 0
+	mkmsk r2, 1
+	ldc r3, 2
+	mkmsk r11, 2
+	ldaw r8, sp[19]
+	ldc r9, 64
+.LBB3_1:
+	add r4, r1, r7
+	ld8u r5, r1[r7]
+	shl r5, r5, 24
+	ld8u r6, r4[r2]
+	shl r6, r6, 16
+	or r5, r6, r5
+	ld8u r6, r4[r3]
+	shl r6, r6, 8
+	or r5, r5, r6
+	ld8u r4, r4[r11]
+	or r4, r5, r4
+	add r5, r8, r7
+	stw r4, r5[0]
+	add r7, r7, 4
+	eq r4, r7, r9
+	bf r4, .LBB3_1
+	stw r8, sp[9]
+	ldw r9, r0[0]
+	ldw r5, r0[1]
+	ldw r4, r0[2]
+	ldw r1, r0[3]
+	ldw r11, r0[4]
+	ldw r8, r0[5]
+	ldw r2, r0[6]
+	stw r0, sp[8]
+	ldw r0, r0[7]
+	ldc r3, 0
+	stw r0, sp[7]
+	stw r0, sp[14]
+	stw r2, sp[6]
+	mov r0, r2
+	stw r8, sp[5]
+	stw r11, sp[4]
+	stw r11, sp[17]
+	stw r1, sp[3]
+	stw r1, sp[15]
+	stw r4, sp[2]
+	stw r5, sp[1]
+	stw r9, sp[0]
+	bu .LBB3_3
+.LBB3_5:
+	ldc r0, 13
+	shr r2, r10, r0
+	ldc r0, 19
+	shl r11, r10, r0
+	or r0, r11, r2
+	stw r0, sp[17]
+	ldc r0, 22
+	shr r2, r10, r0
+	ldc r0, 10
+	shl r11, r10, r0
+	or r2, r11, r2
+	ldc r0, 26
+	shl r11, r1, r0
+	shr r4, r1, 6
+	or r11, r11, r4
+	ldc r0, 11
+	shr r4, r1, r0
+	ldc r0, 21
+	shl r5, r1, r0
+	or r4, r5, r4
+	xor r11, r11, r4
+	ldc r0, 25
+	shr r4, r1, r0
+	shl r5, r1, 7
+	or r4, r5, r4
+	xor r4, r11, r4
+	and r5, r7, r1
+	mov r11, r8
+	mov r6, r11
+	andnot r6, r1
+	mov r8, r1
+	stw r7, sp[11]
+	ldw r7, sp[16]
+	ldw r1, sp[13]
+	xor r0, r7, r1
+	stw r11, sp[12]
+	and r11, r7, r1
+	stw r11, sp[10]
+	ldaw r11, cp[round_constants]
+	ldw r3, r11[r3]
+	ldw r11, sp[9]
+	ldw r11, r11[r9]
+	or r5, r6, r5
+	add r4, r5, r4
+	ldw r5, sp[14]
+	add r4, r4, r5
+	add r3, r4, r3
+	ldc r4, 30
+	shl r4, r10, r4
+	shr r5, r10, 2
+	or r4, r4, r5
+	ldw r5, sp[17]
+	xor r4, r4, r5
+	xor r2, r4, r2
+	and r0, r0, r10
+	ldw r4, sp[10]
+	xor r0, r0, r4
+	ldw r6, sp[12]
+	add r3, r3, r11
+	ldw r11, sp[15]
+	add r11, r11, r3
+	stw r11, sp[17]
+	add r0, r0, r2
+	add r9, r0, r3
+	ldc r0, 64
+	ldw r3, sp[18]
+	eq r0, r3, r0
+	stw r0, sp[10]
+	stw r6, sp[14]
+	ldw r2, sp[11]
+	mov r0, r2
+	mov r11, r8
+	stw r7, sp[15]
+	mov r4, r1
+	mov r5, r10
+	mov r7, r2
+	ldw r2, sp[10]
+	bt r2, .LBB3_6
+.LBB3_3:
+	mov r10, r9
+	stw r5, sp[13]
+	stw r4, sp[16]
+	ldw r1, sp[17]
+	mov r7, r8
+	mov r8, r0
+	ldc r0, 16
+	lsu r2, r3, r0
+	add r0, r3, 1
+	stw r0, sp[18]
+	mov r9, r3
+	bt r2, .LBB3_5
+	ldw r2, sp[18]
+	zext r2, 4
+	ldw r0, sp[9]
+	ldw r2, r0[r2]
+	ldc r11, 14
+	mov r6, r11
+	add r11, r3, r6
+	zext r11, 4
+	ldw r11, r0[r11]
+	ldc r4, 25
+	shl r4, r2, r4
+	shr r5, r2, 7
+	or r4, r4, r5
+	ldc r5, 18
+	shr r5, r2, r5
+	mov r9, r8
+	shl r8, r2, r6
+	or r5, r8, r5
+	xor r4, r4, r5
+	shr r2, r2, 3
+	xor r2, r4, r2
+	ldc r4, 17
+	shr r4, r11, r4
+	mkmsk r5, 4
+	shl r5, r11, r5
+	or r4, r5, r4
+	ldc r5, 19
+	shr r5, r11, r5
+	ldc r6, 13
+	shl r8, r11, r6
+	or r5, r8, r5
+	mov r8, r9
+	xor r4, r4, r5
+	ldc r5, 10
+	shr r11, r11, r5
+	xor r11, r4, r11
+	add r4, r3, 9
+	zext r4, 4
+	ldw r4, r0[r4]
+	add r2, r2, r4
+	mov r9, r3
+	zext r9, 4
+	ldw r4, r0[r9]
+	add r2, r2, r4
+	add r2, r2, r11
+	stw r2, r0[r9]
+	bu .LBB3_5
+.LBB3_6:
+	ldw r0, sp[0]
+	add r0, r0, r9
+	ldw r2, sp[8]
+	stw r0, r2[0]
+	ldw r0, sp[1]
+	add r0, r0, r10
+	stw r0, r2[1]
+	ldw r0, sp[2]
+	add r0, r0, r1
+	stw r0, r2[2]
+	ldw r0, sp[3]
+	ldw r3, sp[16]
+	add r0, r0, r3
+	stw r0, r2[3]
+	ldw r0, sp[4]
+	ldw r1, sp[17]
+	add r0, r0, r1
+	stw r0, r2[4]
+	ldw r0, sp[5]
+	add r0, r0, r11
+	stw r0, r2[5]
+	ldw r0, sp[6]
+	add r0, r0, r7
+	stw r0, r2[6]
+	ldw r0, sp[7]
+	add r0, r0, r6
+	stw r0, r2[7]
+	ldw r10, sp[35]
+	ldw r9, sp[36]
+	ldw r8, sp[37]
+	ldw r7, sp[38]
+	ldw r6, sp[39]
+	ldw r5, sp[40]
+	ldw r4, sp[41]
+	retsp 42
+	.cc_bottom compress.function
+.Lfunc_end3:
+	.size	compress, .Lfunc_end3-compress
+
+	.globl	pw_sha256_end
+	.p2align	2
+	.type	pw_sha256_end,@function
+	.cc_top pw_sha256_end.function,pw_sha256_end
+pw_sha256_end:
+	entsp 8
+	stw r4, sp[7]
+	stw r5, sp[6]
+	stw r6, sp[5]
+	stw r7, sp[4]
+	stw r8, sp[3]
+	stw r9, sp[2]
+	stw r10, sp[1]
+	mov r4, r1
+	mov r5, r0
+	ldw r0, r5[9]
+	ldw r2, r5[8]
+	mov r1, r2
+	zext r1, 6
+	ldc r3, 29
+	shr r3, r2, r3
+	shl r0, r0, 3
+	or r10, r0, r3
+	shl r9, r2, 3
+	ldaw r6, r5[10]
+	ldc r0, 128
+	st8 r0, r6[r1]
+	add r2, r1, 1
+	ldc r8, 56
+	lsu r0, r1, r8
+	ldc r7, 0
+	bt r0, .LBB4_2
+	add r0, r5, r2
+	ldaw r0, r0[10]
+	mkmsk r2, 6
+	xor r2, r1, r2
+	mov r1, r7
+	bl memset
+	mov r0, r5
+	mov r1, r6
+	bl compress
+	mov r2, r7
+.LBB4_2:
+	add r0, r5, r2
+	ldaw r0, r0[10]
+	sub r2, r8, r2
+	mov r1, r7
+	bl memset
+	shr r0, r10, 24
+	ldc r1, 96
+	st8 r0, r5[r1]
+	shr r0, r10, 16
+	ldc r1, 97
+	st8 r0, r5[r1]
+	shr r0, r10, 8
+	ldc r1, 98
+	st8 r0, r5[r1]
+	ldc r0, 99
+	st8 r10, r5[r0]
+	shr r0, r9, 24
+	ldc r1, 100
+	st8 r0, r5[r1]
+	shr r0, r9, 16
+	ldc r1, 101
+	st8 r0, r5[r1]
+	shr r0, r9, 8
+	ldc r1, 102
+	st8 r0, r5[r1]
+	ldc r0, 103
+	st8 r9, r5[r0]
+	mov r0, r5
+	mov r1, r6
+	bl compress
+	ldw r0, r5[0]
+	shr r1, r0, 24
+	st8 r1, r4[r7]
+	shr r1, r0, 16
+	mkmsk r2, 1
+	st8 r1, r4[r2]
+	shr r1, r0, 8
+	ldc r2, 2
+	st8 r1, r4[r2]
+	mkmsk r1, 2
+	st8 r0, r4[r1]
+	ldw r0, r5[1]
+	shr r1, r0, 24
+	ldc r2, 4
+	st8 r1, r4[r2]
+	shr r1, r0, 16
+	ldc r2, 5
+	st8 r1, r4[r2]
+	shr r1, r0, 8
+	ldc r2, 6
+	st8 r1, r4[r2]
+	mkmsk r1, 3
+	st8 r0, r4[r1]
+	ldw r0, r5[2]
+	shr r1, r0, 24
+	ldc r2, 8
+	st8 r1, r4[r2]
+	shr r1, r0, 16
+	ldc r2, 9
+	st8 r1, r4[r2]
+	shr r1, r0, 8
+	ldc r2, 10
+	st8 r1, r4[r2]
+	ldc r1, 11
+	st8 r0, r4[r1]
+	ldw r0, r5[3]
+	shr r1, r0, 24
+	ldc r2, 12
+	st8 r1, r4[r2]
+	shr r1, r0, 16
+	ldc r2, 13
+	st8 r1, r4[r2]
+	shr r1, r0, 8
+	ldc r2, 14
+	st8 r1, r4[r2]
+	mkmsk r1, 4
+	st8 r0, r4[r1]
+	ldw r0, r5[4]
+	shr r1, r0, 24
+	ldc r2, 16
+	st8 r1, r4[r2]
+	shr r1, r0, 16
+	ldc r2, 17
+	st8 r1, r4[r2]
+	shr r1, r0, 8
+	ldc r2, 18
+	st8 r1, r4[r2]
+	ldc r1, 19
+	st8 r0, r4[r1]
+	ldw r0, r5[5]
+	shr r1, r0, 24
+	ldc r2, 20
+	st8 r1, r4[r2]
+	shr r1, r0, 16
+	ldc r2, 21
+	st8 r1, r4[r2]
+	shr r1, r0, 8
+	ldc r2, 22
+	st8 r1, r4[r2]
+	ldc r1, 23
+	st8 r0, r4[r1]
+	ldw r0, r5[6]
+	shr r1, r0, 24
+	ldc r2, 24
+	st8 r1, r4[r2]
+	shr r1, r0, 16
+	ldc r2, 25
+	st8 r1, r4[r2]
+	shr r1, r0, 8
+	ldc r2, 26
+	st8 r1, r4[r2]
+	ldc r1, 27
+	st8 r0, r4[r1]
+	ldw r0, r5[7]
+	shr r1, r0, 24
+	ldc r2, 28
+	st8 r1, r4[r2]
+	shr r1, r0, 16
+	ldc r2, 29
+	st8 r1, r4[r2]
+	shr r1, r0, 8
+	ldc r2, 30
+	st8 r1, r4[r2]
+	mkmsk r1, 5
+	st8 r0, r4[r1]
+	ldw r10, sp[1]
+	ldw r9, sp[2]
+	ldw r8, sp[3]
+	ldw r7, sp[4]
+	ldw r6, sp[5]
+	ldw r5, sp[6]
+	ldw r4, sp[7]
+	retsp 8
+	.cc_bottom pw_sha256_end.function
+.Lfunc_end4:
+	.size	pw_sha256_end, .Lfunc_end4-pw_sha256_end
+
+	.section	.cp.rodata,"ac",@progbits
+	.cc_top crc_tables.data,crc_tables
+	.p2align	2
+	.type	crc_tables,@object
+	.size	crc_tables, 8192
+crc_tables:
+	.long	0
+	.long	1996959894
+	.long	3993919788
+	.long	2567524794
+	.long	124634137
+	.long	1886057615
+	.long	3915621685
+	.long	2657392035
+	.long	249268274
+	.long	2044508324
+	.long	3772115230
+	.long	2547177864
+	.long	162941995
+	.long	2125561021
+	.long	3887607047
+	.long	2428444049
+	.long	498536548
+	.long	1789927666
+	.long	4089016648
+	.long	2227061214
+	.long	450548861
+	.long	1843258603
+	.long	4107580753
+	.long	2211677639
+	.long	325883990
+	.long	1684777152
+	.long	4251122042
+	.long	2321926636
+	.long	335633487
+	.long	1661365465
+	.long	4195302755
+	.long	2366115317
+	.long	997073096
+	.long	1281953886
+	.long	3579855332
+	.long	2724688242
+	.long	1006888145
+	.long	1258607687
+	.long	3524101629
+	.long	2768942443
+	.long	901097722
+	.long	1119000684
+	.long	3686517206
+	.long	2898065728
+	.long	853044451
+	.long	1172266101
+	.long	3705015759
+	.long	2882616665
+	.long	651767980
+	.long	1373503546
+	.long	3369554304
+	.long	3218104598
+	.long	565507253
+	.long	1454621731
+	.long	3485111705
+	.long	3099436303
+	.long	671266974
+	.long	1594198024
+	.long	3322730930
+	.long	2970347812
+	.long	795835527
+	.long	1483230225
+	.long	3244367275
+	.long	3060149565
+	.long	1994146192
+	.long	31158534
+	.long	2563907772
+	.long	4023717930
+	.long	1907459465
+	.long	112637215
+	.long	2680153253
+	.long	3904427059
+	.long	2013776290
+	.long	251722036
+	.long	2517215374
+	.long	3775830040
+	.long	2137656763
+	.long	141376813
+	.long	2439277719
+	.long	3865271297
+	.long	1802195444
+	.long	476864866
+	.long	2238001368
+	.long	4066508878
+	.long	1812370925
+	.long	453092731
+	.long	2181625025
+	.long	4111451223
+	.long	1706088902
+	.long	314042704
+	.long	2344532202
+	.long	4240017532
+	.long	1658658271
+	.long	366619977
+	.long	2362670323
+	.long	4224994405
+	.long	1303535960
+	.long	984961486
+	.long	2747007092
+	.long	3569037538
+	.long	1256170817
+	.long	1037604311
+	.long	2765210733
+	.long	3554079995
+	.long	1131014506
+	.long	879679996
+	.long	2909243462
+	.long	3663771856
+	.long	1141124467
+	.long	855842277
+	.long	2852801631
+	.long	3708648649
+	.long	1342533948
+	.long	654459306
+	.long	3188396048
+	.long	3373015174
+	.long	1466479909
+	.long	544179635
+	.long	3110523913
+	.long	3462522015
+	.long	1591671054
+	.long	702138776
+	.long	2966460450
+	.long	3352799412
+	.long	1504918807
+	.long	783551873
+	.long	3082640443
+	.long	3233442989
+	.long	3988292384
+	.long	2596254646
+	.long	62317068
+	.long	1957810842
+	.long	3939845945
+	.long	2647816111
+	.long	81470997
+	.long	1943803523
+	.long	3814918930
+	.long	2489596804
+	.long	225274430
+	.long	2053790376
+	.long	3826175755
+	.long	2466906013
+	.long	167816743
+	.long	2097651377
+	.long	4027552580
+	.long	2265490386
+	.long	503444072
+	.long	1762050814
+	.long	4150417245
+	.long	2154129355
+	.long	426522225
+	.long	1852507879
+	.long	4275313526
+	.long	2312317920
+	.long	282753626
+	.long	1742555852
+	.long	4189708143
+	.long	2394877945
+	.long	397917763
+	.long	1622183637
+	.long	3604390888
+	.long	2714866558
+	.long	953729732
+	.long	1340076626
+	.long	3518719985
+	.long	2797360999
+	.long	1068828381
+	.long	1219638859
+	.long	3624741850
+	.long	2936675148
+	.long	906185462
+	.long	1090812512
+	.long	3747672003
+	.long	2825379669
+	.long	829329135
+	.long	1181335161
+	.long	3412177804
+	.long	3160834842
+	.long	628085408
+	.long	1382605366
+	.long	3423369109
+	.long	3138078467
+	.long	570562233
+	.long	1426400815
+	.long	3317316542
+	.long	2998733608
+	.long	733239954
+	.long	1555261956
+	.long	3268935591
+	.long	3050360625
+	.long	752459403
+	.long	1541320221
+	.long	2607071920
+	.long	3965973030
+	.long	1969922972
+	.long	40735498
+	.long	2617837225
+	.long	3943577151
+	.long	1913087877
+	.long	83908371
+	.long	2512341634
+	.long	3803740692
+	.long	2075208622
+	.long	213261112
+	.long	2463272603
+	.long	3855990285
+	.long	2094854071
+	.long	198958881
+	.long	2262029012
+	.long	4057260610
+	.long	1759359992
+	.long	534414190
+	.long	2176718541
+	.long	4139329115
+	.long	1873836001
+	.long	414664567
+	.long	2282248934
+	.long	4279200368
+	.long	1711684554
+	.long	285281116
+	.long	2405801727
+	.long	4167216745
+	.long	1634467795
+	.long	376229701
+	.long	2685067896
+	.long	3608007406
+	.long	1308918612
+	.long	956543938
+	.long	2808555105
+	.long	3495958263
+	.long	1231636301
+	.long	1047427035
+	.long	2932959818
+	.long	3654703836
+	.long	1088359270
+	.long	936918000
+	.long	2847714899
+	.long	3736837829
+	.long	1202900863
+	.long	817233897
+	.long	3183342108
+	.long	3401237130
+	.long	1404277552
+	.long	615818150
+	.long	3134207493
+	.long	3453421203
+	.long	1423857449
+	.long	601450431
+	.long	3009837614
+	.long	3294710456
+	.long	1567103746
+	.long	711928724
+	.long	3020668471
+	.long	3272380065
+	.long	1510334235
+	.long	755167117
+	.long	0
+	.long	421212481
+	.long	842424962
+	.long	724390851
+	.long	1684849924
+	.long	2105013317
+	.long	1448781702
+	.long	1329698503
+	.long	3369699848
+	.long	3519200073
+	.long	4210026634
+	.long	3824474571
+	.long	2897563404
+	.long	3048111693
+	.long	2659397006
+	.long	2274893007
+	.long	1254232657
+	.long	1406739216
+	.long	2029285587
+	.long	1643069842
+	.long	783210325
+	.long	934667796
+	.long	479770071
+	.long	92505238
+	.long	2182846553
+	.long	2600511768
+	.long	2955803355
+	.long	2838940570
+	.long	3866582365
+	.long	4285295644
+	.long	3561045983
+	.long	3445231262
+	.long	2508465314
+	.long	2359236067
+	.long	2813478432
+	.long	3198777185
+	.long	4058571174
+	.long	3908292839
+	.long	3286139684
+	.long	3670389349
+	.long	1566420650
+	.long	1145479147
+	.long	1869335592
+	.long	1987116393
+	.long	959540142
+	.long	539646703
+	.long	185010476
+	.long	303839341
+	.long	3745920755
+	.long	3327985586
+	.long	3983561841
+	.long	4100678960
+	.long	3140154359
+	.long	2721170102
+	.long	2300350837
+	.long	2416418868
+	.long	396344571
+	.long	243568058
+	.long	631889529
+	.long	1018359608
+	.long	1945336319
+	.long	1793607870
+	.long	1103436669
+	.long	1490954812
+	.long	4034481925
+	.long	3915546180
+	.long	3259968903
+	.long	3679722694
+	.long	2484439553
+	.long	2366552896
+	.long	2787371139
+	.long	3208174018
+	.long	950060301
+	.long	565965900
+	.long	177645455
+	.long	328046286
+	.long	1556873225
+	.long	1171730760
+	.long	1861902987
+	.long	2011255754
+	.long	3132841300
+	.long	2745199637
+	.long	2290958294
+	.long	2442530455
+	.long	3738671184
+	.long	3352078609
+	.long	3974232786
+	.long	4126854035
+	.long	1919080284
+	.long	1803150877
+	.long	1079293406
+	.long	1498383519
+	.long	370020952
+	.long	253043481
+	.long	607678682
+	.long	1025720731
+	.long	1711106983
+	.long	2095471334
+	.long	1472923941
+	.long	1322268772
+	.long	26324643
+	.long	411738082
+	.long	866634785
+	.long	717028704
+	.long	2904875439
+	.long	3024081134
+	.long	2668790573
+	.long	2248782444
+	.long	3376948395
+	.long	3495106026
+	.long	4219356713
+	.long	3798300520
+	.long	792689142
+	.long	908347575
+	.long	487136116
+	.long	68299317
+	.long	1263779058
+	.long	1380486579
+	.long	2036719216
+	.long	1618931505
+	.long	3890672638
+	.long	4278043327
+	.long	3587215740
+	.long	3435896893
+	.long	2206873338
+	.long	2593195963
+	.long	2981909624
+	.long	2829542713
+	.long	998479947
+	.long	580430090
+	.long	162921161
+	.long	279890824
+	.long	1609522511
+	.long	1190423566
+	.long	1842954189
+	.long	1958874764
+	.long	4082766403
+	.long	3930137346
+	.long	3245109441
+	.long	3631694208
+	.long	2536953671
+	.long	2385372678
+	.long	2768287173
+	.long	3155920004
+	.long	1900120602
+	.long	1750776667
+	.long	1131931800
+	.long	1517083097
+	.long	355290910
+	.long	204897887
+	.long	656092572
+	.long	1040194781
+	.long	3113746450
+	.long	2692952403
+	.long	2343461520
+	.long	2461357009
+	.long	3723805974
+	.long	3304059991
+	.long	4022511508
+	.long	4141455061
+	.long	2919742697
+	.long	3072101800
+	.long	2620513899
+	.long	2234183466
+	.long	3396041197
+	.long	3547351212
+	.long	4166851439
+	.long	3779471918
+	.long	1725839073
+	.long	2143618976
+	.long	1424512099
+	.long	1307796770
+	.long	45282277
+	.long	464110244
+	.long	813994343
+	.long	698327078
+	.long	3838160568
+	.long	4259225593
+	.long	3606301754
+	.long	3488152955
+	.long	2158586812
+	.long	2578602749
+	.long	2996767038
+	.long	2877569151
+	.long	740041904
+	.long	889656817
+	.long	506086962
+	.long	120682355
+	.long	1215357364
+	.long	1366020341
+	.long	2051441462
+	.long	1667084919
+	.long	3422213966
+	.long	3538019855
+	.long	4190942668
+	.long	3772220557
+	.long	2945847882
+	.long	3062702859
+	.long	2644537544
+	.long	2226864521
+	.long	52649286
+	.long	439905287
+	.long	823476164
+	.long	672009861
+	.long	1733269570
+	.long	2119477507
+	.long	1434057408
+	.long	1281543041
+	.long	2167981343
+	.long	2552493150
+	.long	3004082077
+	.long	2853541596
+	.long	3847487515
+	.long	4233048410
+	.long	3613549209
+	.long	3464057816
+	.long	1239502615
+	.long	1358593622
+	.long	2077699477
+	.long	1657543892
+	.long	764250643
+	.long	882293586
+	.long	532408465
+	.long	111204816
+	.long	1585378284
+	.long	1197851309
+	.long	1816695150
+	.long	1968414767
+	.long	974272232
+	.long	587794345
+	.long	136598634
+	.long	289367339
+	.long	2527558116
+	.long	2411481253
+	.long	2760973158
+	.long	3179948583
+	.long	4073438432
+	.long	3956313505
+	.long	3237863010
+	.long	3655790371
+	.long	347922877
+	.long	229101820
+	.long	646611775
+	.long	1066513022
+	.long	1892689081
+	.long	1774917112
+	.long	1122387515
+	.long	1543337850
+	.long	3697634229
+	.long	3313392372
+	.long	3998419255
+	.long	4148705398
+	.long	3087642289
+	.long	2702352368
+	.long	2319436851
+	.long	2468674930
+	.long	0
+	.long	29518391
+	.long	59036782
+	.long	38190681
+	.long	118073564
+	.long	114017003
+	.long	76381362
+	.long	89069189
+	.long	236147128
+	.long	265370511
+	.long	228034006
+	.long	206958561
+	.long	152762724
+	.long	148411219
+	.long	178138378
+	.long	190596925
+	.long	472294256
+	.long	501532999
+	.long	530741022
+	.long	509615401
+	.long	456068012
+	.long	451764635
+	.long	413917122
+	.long	426358261
+	.long	305525448
+	.long	334993663
+	.long	296822438
+	.long	275991697
+	.long	356276756
+	.long	352202787
+	.long	381193850
+	.long	393929805
+	.long	944588512
+	.long	965684439
+	.long	1003065998
+	.long	973863097
+	.long	1061482044
+	.long	1049003019
+	.long	1019230802
+	.long	1023561829
+	.long	912136024
+	.long	933002607
+	.long	903529270
+	.long	874031361
+	.long	827834244
+	.long	815125939
+	.long	852716522
+	.long	856752605
+	.long	611050896
+	.long	631869351
+	.long	669987326
+	.long	640506825
+	.long	593644876
+	.long	580921211
+	.long	551983394
+	.long	556069653
+	.long	712553512
+	.long	733666847
+	.long	704405574
+	.long	675154545
+	.long	762387700
+	.long	749958851
+	.long	787859610
+	.long	792175277
+	.long	1889177024
+	.long	1901651959
+	.long	1931368878
+	.long	1927033753
+	.long	2006131996
+	.long	1985040171
+	.long	1947726194
+	.long	1976933189
+	.long	2122964088
+	.long	2135668303
+	.long	2098006038
+	.long	2093965857
+	.long	2038461604
+	.long	2017599123
+	.long	2047123658
+	.long	2076625661
+	.long	1824272048
+	.long	1836991623
+	.long	1866005214
+	.long	1861914857
+	.long	1807058540
+	.long	1786244187
+	.long	1748062722
+	.long	1777547317
+	.long	1655668488
+	.long	1668093247
+	.long	1630251878
+	.long	1625932113
+	.long	1705433044
+	.long	1684323811
+	.long	1713505210
+	.long	1742760333
+	.long	1222101792
+	.long	1226154263
+	.long	1263738702
+	.long	1251046777
+	.long	1339974652
+	.long	1310460363
+	.long	1281013650
+	.long	1301863845
+	.long	1187289752
+	.long	1191637167
+	.long	1161842422
+	.long	1149379777
+	.long	1103966788
+	.long	1074747507
+	.long	1112139306
+	.long	1133218845
+	.long	1425107024
+	.long	1429406311
+	.long	1467333694
+	.long	1454888457
+	.long	1408811148
+	.long	1379576507
+	.long	1350309090
+	.long	1371438805
+	.long	1524775400
+	.long	1528845279
+	.long	1499917702
+	.long	1487177649
+	.long	1575719220
+	.long	1546255107
+	.long	1584350554
+	.long	1605185389
+	.long	3778354048
+	.long	3774312887
+	.long	3803303918
+	.long	3816007129
+	.long	3862737756
+	.long	3892238699
+	.long	3854067506
+	.long	3833203973
+	.long	4012263992
+	.long	4007927823
+	.long	3970080342
+	.long	3982554209
+	.long	3895452388
+	.long	3924658387
+	.long	3953866378
+	.long	3932773565
+	.long	4245928176
+	.long	4241609415
+	.long	4271336606
+	.long	4283762345
+	.long	4196012076
+	.long	4225268251
+	.long	4187931714
+	.long	4166823541
+	.long	4076923208
+	.long	4072833919
+	.long	4035198246
+	.long	4047918865
+	.long	4094247316
+	.long	4123732899
+	.long	4153251322
+	.long	4132437965
+	.long	3648544096
+	.long	3636082519
+	.long	3673983246
+	.long	3678331705
+	.long	3732010428
+	.long	3753090955
+	.long	3723829714
+	.long	3694611429
+	.long	3614117080
+	.long	3601426159
+	.long	3572488374
+	.long	3576541825
+	.long	3496125444
+	.long	3516976691
+	.long	3555094634
+	.long	3525581405
+	.long	3311336976
+	.long	3298595879
+	.long	3336186494
+	.long	3340255305
+	.long	3260503756
+	.long	3281337595
+	.long	3251864226
+	.long	3222399125
+	.long	3410866088
+	.long	3398419871
+	.long	3368647622
+	.long	3372945905
+	.long	3427010420
+	.long	3448139075
+	.long	3485520666
+	.long	3456284973
+	.long	2444203584
+	.long	2423127159
+	.long	2452308526
+	.long	2481530905
+	.long	2527477404
+	.long	2539934891
+	.long	2502093554
+	.long	2497740997
+	.long	2679949304
+	.long	2659102159
+	.long	2620920726
+	.long	2650438049
+	.long	2562027300
+	.long	2574714131
+	.long	2603727690
+	.long	2599670141
+	.long	2374579504
+	.long	2353749767
+	.long	2383274334
+	.long	2412743529
+	.long	2323684844
+	.long	2336421851
+	.long	2298759554
+	.long	2294686645
+	.long	2207933576
+	.long	2186809023
+	.long	2149495014
+	.long	2178734801
+	.long	2224278612
+	.long	2236720739
+	.long	2266437690
+	.long	2262135309
+	.long	2850214048
+	.long	2820717207
+	.long	2858812622
+	.long	2879680249
+	.long	2934667388
+	.long	2938704459
+	.long	2909776914
+	.long	2897069605
+	.long	2817622296
+	.long	2788420399
+	.long	2759153014
+	.long	2780249921
+	.long	2700618180
+	.long	2704950259
+	.long	2742877610
+	.long	2730399645
+	.long	3049550800
+	.long	3020298727
+	.long	3057690558
+	.long	3078802825
+	.long	2999835404
+	.long	3004150075
+	.long	2974355298
+	.long	2961925461
+	.long	3151438440
+	.long	3121956959
+	.long	3092510214
+	.long	3113327665
+	.long	3168701108
+	.long	3172786307
+	.long	3210370778
+	.long	3197646061
+	.long	0
+	.long	3099354981
+	.long	2852767883
+	.long	313896942
+	.long	2405603159
+	.long	937357362
+	.long	627793884
+	.long	2648127673
+	.long	3316918511
+	.long	2097696650
+	.long	1874714724
+	.long	3607201537
+	.long	1255587768
+	.long	4067088605
+	.long	3772741427
+	.long	1482887254
+	.long	1343838111
+	.long	3903140090
+	.long	4195393300
+	.long	1118632049
+	.long	3749429448
+	.long	1741137837
+	.long	1970407491
+	.long	3452858150
+	.long	2511175536
+	.long	756094997
+	.long	1067759611
+	.long	2266550430
+	.long	449832999
+	.long	2725482306
+	.long	2965774508
+	.long	142231497
+	.long	2687676222
+	.long	412010587
+	.long	171665333
+	.long	2995192016
+	.long	793786473
+	.long	2548850444
+	.long	2237264098
+	.long	1038456711
+	.long	1703315409
+	.long	3711623348
+	.long	3482275674
+	.long	1999841343
+	.long	3940814982
+	.long	1381529571
+	.long	1089329165
+	.long	4166106984
+	.long	4029413537
+	.long	1217896388
+	.long	1512189994
+	.long	3802027855
+	.long	2135519222
+	.long	3354724499
+	.long	3577784189
+	.long	1845280792
+	.long	899665998
+	.long	2367928107
+	.long	2677414085
+	.long	657096608
+	.long	3137160985
+	.long	37822588
+	.long	284462994
+	.long	2823350519
+	.long	2601801789
+	.long	598228824
+	.long	824021174
+	.long	2309093331
+	.long	343330666
+	.long	2898962447
+	.long	3195996129
+	.long	113467524
+	.long	1587572946
+	.long	3860600759
+	.long	4104763481
+	.long	1276501820
+	.long	3519211397
+	.long	1769898208
+	.long	2076913422
+	.long	3279374443
+	.long	3406630818
+	.long	1941006535
+	.long	1627703081
+	.long	3652755532
+	.long	1148164341
+	.long	4241751952
+	.long	3999682686
+	.long	1457141531
+	.long	247015245
+	.long	3053797416
+	.long	2763059142
+	.long	470583459
+	.long	2178658330
+	.long	963106687
+	.long	735213713
+	.long	2473467892
+	.long	992409347
+	.long	2207944806
+	.long	2435792776
+	.long	697522413
+	.long	3024379988
+	.long	217581361
+	.long	508405983
+	.long	2800865210
+	.long	4271038444
+	.long	1177467017
+	.long	1419450215
+	.long	3962007554
+	.long	1911572667
+	.long	3377213406
+	.long	3690561584
+	.long	1665525589
+	.long	1799331996
+	.long	3548628985
+	.long	3241568279
+	.long	2039091058
+	.long	3831314379
+	.long	1558270126
+	.long	1314193216
+	.long	4142438437
+	.long	2928380019
+	.long	372764438
+	.long	75645176
+	.long	3158189981
+	.long	568925988
+	.long	2572515393
+	.long	2346768303
+	.long	861712586
+	.long	3982079547
+	.long	1441124702
+	.long	1196457648
+	.long	4293663189
+	.long	1648042348
+	.long	3666298377
+	.long	3358779879
+	.long	1888390786
+	.long	686661332
+	.long	2421291441
+	.long	2196002399
+	.long	978858298
+	.long	2811169155
+	.long	523464422
+	.long	226935048
+	.long	3040519789
+	.long	3175145892
+	.long	100435649
+	.long	390670639
+	.long	2952089162
+	.long	841119475
+	.long	2325614998
+	.long	2553003640
+	.long	546822429
+	.long	2029308235
+	.long	3225988654
+	.long	3539796416
+	.long	1782671013
+	.long	4153826844
+	.long	1328167289
+	.long	1570739863
+	.long	3844338162
+	.long	1298864389
+	.long	4124540512
+	.long	3882013070
+	.long	1608431339
+	.long	3255406162
+	.long	2058742071
+	.long	1744848601
+	.long	3501990332
+	.long	2296328682
+	.long	811816591
+	.long	584513889
+	.long	2590678532
+	.long	129869501
+	.long	3204563416
+	.long	2914283062
+	.long	352848211
+	.long	494030490
+	.long	2781751807
+	.long	3078325777
+	.long	264757620
+	.long	2450577869
+	.long	715964072
+	.long	941166918
+	.long	2158327331
+	.long	3636881013
+	.long	1618608400
+	.long	1926213374
+	.long	3396585883
+	.long	1470427426
+	.long	4011365959
+	.long	4255988137
+	.long	1158766284
+	.long	1984818694
+	.long	3471935843
+	.long	3695453837
+	.long	1693991400
+	.long	4180638033
+	.long	1100160564
+	.long	1395044826
+	.long	3952793279
+	.long	3019491049
+	.long	189112716
+	.long	435162722
+	.long	2706139399
+	.long	1016811966
+	.long	2217162459
+	.long	2526189877
+	.long	774831696
+	.long	643086745
+	.long	2666061564
+	.long	2354934034
+	.long	887166583
+	.long	2838900430
+	.long	294275499
+	.long	54519365
+	.long	3145957664
+	.long	3823145334
+	.long	1532818963
+	.long	1240029693
+	.long	4048895640
+	.long	1820460577
+	.long	3560857924
+	.long	3331051178
+	.long	2117577167
+	.long	3598663992
+	.long	1858283101
+	.long	2088143283
+	.long	3301633750
+	.long	1495127663
+	.long	3785470218
+	.long	4078182116
+	.long	1269332353
+	.long	332098007
+	.long	2876706482
+	.long	3116540252
+	.long	25085497
+	.long	2628386432
+	.long	605395429
+	.long	916469259
+	.long	2384220526
+	.long	2254837415
+	.long	1054503362
+	.long	745528876
+	.long	2496903497
+	.long	151290352
+	.long	2981684885
+	.long	2735556987
+	.long	464596510
+	.long	1137851976
+	.long	4218313005
+	.long	3923506883
+	.long	1365741990
+	.long	3434129695
+	.long	1946996346
+	.long	1723425172
+	.long	3724871409
+	.long	0
+	.long	1029712304
+	.long	2059424608
+	.long	1201699536
+	.long	4118849216
+	.long	3370159984
+	.long	2403399072
+	.long	2988497936
+	.long	812665793
+	.long	219177585
+	.long	1253054625
+	.long	2010132753
+	.long	3320900865
+	.long	4170237105
+	.long	3207642721
+	.long	2186319825
+	.long	1625331586
+	.long	1568718386
+	.long	438355170
+	.long	658566482
+	.long	2506109250
+	.long	2818578674
+	.long	4020265506
+	.long	3535817618
+	.long	1351670851
+	.long	1844508147
+	.long	709922595
+	.long	389064339
+	.long	2769320579
+	.long	2557498163
+	.long	3754961379
+	.long	3803185235
+	.long	3250663172
+	.long	4238411444
+	.long	3137436772
+	.long	2254525908
+	.long	876710340
+	.long	153198708
+	.long	1317132964
+	.long	1944187668
+	.long	4054934725
+	.long	3436268917
+	.long	2339452837
+	.long	3054575125
+	.long	70369797
+	.long	961670069
+	.long	2129760613
+	.long	1133623509
+	.long	2703341702
+	.long	2621542710
+	.long	3689016294
+	.long	3867263574
+	.long	1419845190
+	.long	1774270454
+	.long	778128678
+	.long	318858390
+	.long	2438067015
+	.long	2888948471
+	.long	3952189479
+	.long	3606153623
+	.long	1691440519
+	.long	1504803895
+	.long	504432359
+	.long	594620247
+	.long	1492342857
+	.long	1704161785
+	.long	573770537
+	.long	525542041
+	.long	2910060169
+	.long	2417219385
+	.long	3618876905
+	.long	3939730521
+	.long	1753420680
+	.long	1440954936
+	.long	306397416
+	.long	790849880
+	.long	2634265928
+	.long	2690882808
+	.long	3888375336
+	.long	3668168600
+	.long	940822475
+	.long	91481723
+	.long	1121164459
+	.long	2142483739
+	.long	3448989963
+	.long	4042473659
+	.long	3075684971
+	.long	2318603227
+	.long	140739594
+	.long	889433530
+	.long	1923340138
+	.long	1338244826
+	.long	4259521226
+	.long	3229813626
+	.long	2267247018
+	.long	3124975642
+	.long	2570221389
+	.long	2756861693
+	.long	3824297005
+	.long	3734113693
+	.long	1823658381
+	.long	1372780605
+	.long	376603373
+	.long	722643805
+	.long	2839690380
+	.long	2485261628
+	.long	3548540908
+	.long	4007806556
+	.long	1556257356
+	.long	1638052860
+	.long	637716780
+	.long	459464860
+	.long	4191346895
+	.long	3300051327
+	.long	2199040943
+	.long	3195181599
+	.long	206718479
+	.long	825388991
+	.long	1989285231
+	.long	1274166495
+	.long	3382881038
+	.long	4106388158
+	.long	3009607790
+	.long	2382549470
+	.long	1008864718
+	.long	21111934
+	.long	1189240494
+	.long	2072147742
+	.long	2984685714
+	.long	2357631266
+	.long	3408323570
+	.long	4131834434
+	.long	1147541074
+	.long	2030452706
+	.long	1051084082
+	.long	63335554
+	.long	2174155603
+	.long	3170292451
+	.long	4216760371
+	.long	3325460867
+	.long	1947622803
+	.long	1232499747
+	.long	248909555
+	.long	867575619
+	.long	3506841360
+	.long	3966111392
+	.long	2881909872
+	.long	2527485376
+	.long	612794832
+	.long	434546784
+	.long	1581699760
+	.long	1663499008
+	.long	3782634705
+	.long	3692447073
+	.long	2612412337
+	.long	2799048193
+	.long	351717905
+	.long	697754529
+	.long	1849071985
+	.long	1398190273
+	.long	1881644950
+	.long	1296545318
+	.long	182963446
+	.long	931652934
+	.long	2242328918
+	.long	3100053734
+	.long	4284967478
+	.long	3255255942
+	.long	1079497815
+	.long	2100821479
+	.long	983009079
+	.long	133672583
+	.long	3050795671
+	.long	2293717799
+	.long	3474399735
+	.long	4067887175
+	.long	281479188
+	.long	765927844
+	.long	1778867060
+	.long	1466397380
+	.long	3846680276
+	.long	3626469220
+	.long	2676489652
+	.long	2733102084
+	.long	548881365
+	.long	500656741
+	.long	1517752501
+	.long	1729575173
+	.long	3577210133
+	.long	3898068133
+	.long	2952246901
+	.long	2459410373
+	.long	3910527195
+	.long	3564487019
+	.long	2480257979
+	.long	2931134987
+	.long	479546907
+	.long	569730987
+	.long	1716854139
+	.long	1530213579
+	.long	3647316762
+	.long	3825568426
+	.long	2745561210
+	.long	2663766474
+	.long	753206746
+	.long	293940330
+	.long	1445287610
+	.long	1799716618
+	.long	2314567513
+	.long	3029685993
+	.long	4080348217
+	.long	3461678473
+	.long	2088098201
+	.long	1091956777
+	.long	112560889
+	.long	1003856713
+	.long	3112514712
+	.long	2229607720
+	.long	3276105720
+	.long	4263857736
+	.long	1275433560
+	.long	1902492648
+	.long	918929720
+	.long	195422344
+	.long	685033439
+	.long	364179055
+	.long	1377080511
+	.long	1869921551
+	.long	3713294623
+	.long	3761522863
+	.long	2811507327
+	.long	2599689167
+	.long	413436958
+	.long	633644462
+	.long	1650777982
+	.long	1594160846
+	.long	3978570462
+	.long	3494118254
+	.long	2548332990
+	.long	2860797966
+	.long	1211387997
+	.long	1968470509
+	.long	854852413
+	.long	261368461
+	.long	3182753437
+	.long	2161434413
+	.long	3346310653
+	.long	4195650637
+	.long	2017729436
+	.long	1160000044
+	.long	42223868
+	.long	1071931724
+	.long	2378480988
+	.long	2963576044
+	.long	4144295484
+	.long	3395602316
+	.long	0
+	.long	3411858341
+	.long	1304994059
+	.long	2257875630
+	.long	2609988118
+	.long	1355649459
+	.long	3596215069
+	.long	486879416
+	.long	3964895853
+	.long	655315400
+	.long	2711298918
+	.long	1791488195
+	.long	2009251963
+	.long	3164476382
+	.long	973758832
+	.long	4048990933
+	.long	64357019
+	.long	3364540734
+	.long	1310630800
+	.long	2235723829
+	.long	2554806413
+	.long	1394316072
+	.long	3582976390
+	.long	517157411
+	.long	4018503926
+	.long	618222419
+	.long	2722963965
+	.long	1762783832
+	.long	1947517664
+	.long	3209171269
+	.long	970744811
+	.long	4068520014
+	.long	128714038
+	.long	3438335635
+	.long	1248109629
+	.long	2167961496
+	.long	2621261600
+	.long	1466012805
+	.long	3522553387
+	.long	447296910
+	.long	3959392091
+	.long	547575038
+	.long	2788632144
+	.long	1835791861
+	.long	1886307661
+	.long	3140622056
+	.long	1034314822
+	.long	4143626211
+	.long	75106221
+	.long	3475428360
+	.long	1236444838
+	.long	2196665603
+	.long	2682996155
+	.long	1421317662
+	.long	3525567664
+	.long	427767573
+	.long	3895035328
+	.long	594892389
+	.long	2782995659
+	.long	1857943406
+	.long	1941489622
+	.long	3101955187
+	.long	1047553757
+	.long	4113347960
+	.long	257428076
+	.long	3288652233
+	.long	1116777319
+	.long	2311878850
+	.long	2496219258
+	.long	1603640287
+	.long	3640781169
+	.long	308099796
+	.long	3809183745
+	.long	676813732
+	.long	2932025610
+	.long	1704983215
+	.long	2023410199
+	.long	3016104370
+	.long	894593820
+	.long	4262377657
+	.long	210634999
+	.long	3352484690
+	.long	1095150076
+	.long	2316991065
+	.long	2535410401
+	.long	1547934020
+	.long	3671583722
+	.long	294336591
+	.long	3772615322
+	.long	729897279
+	.long	2903845777
+	.long	1716123700
+	.long	2068629644
+	.long	2953845545
+	.long	914647431
+	.long	4258839074
+	.long	150212442
+	.long	3282623743
+	.long	1161604689
+	.long	2388688372
+	.long	2472889676
+	.long	1480171241
+	.long	3735940167
+	.long	368132066
+	.long	3836185911
+	.long	805002898
+	.long	2842635324
+	.long	1647574937
+	.long	2134298401
+	.long	3026852996
+	.long	855535146
+	.long	4188192143
+	.long	186781121
+	.long	3229539940
+	.long	1189784778
+	.long	2377547631
+	.long	2427670487
+	.long	1542429810
+	.long	3715886812
+	.long	371670393
+	.long	3882979244
+	.long	741170185
+	.long	2864262823
+	.long	1642462466
+	.long	2095107514
+	.long	3082559007
+	.long	824732849
+	.long	4201955092
+	.long	514856152
+	.long	3589064573
+	.long	1400419795
+	.long	2552522358
+	.long	2233554638
+	.long	1316849003
+	.long	3370776517
+	.long	62202976
+	.long	4075001525
+	.long	968836368
+	.long	3207280574
+	.long	1954014235
+	.long	1769133219
+	.long	2720925446
+	.long	616199592
+	.long	4024870413
+	.long	493229635
+	.long	3594175974
+	.long	1353627464
+	.long	2616354029
+	.long	2264355925
+	.long	1303087088
+	.long	3409966430
+	.long	6498043
+	.long	4046820398
+	.long	979978123
+	.long	3170710821
+	.long	2007099008
+	.long	1789187640
+	.long	2717386141
+	.long	661419827
+	.long	3962610838
+	.long	421269998
+	.long	3527459403
+	.long	1423225061
+	.long	2676515648
+	.long	2190300152
+	.long	1238466653
+	.long	3477467891
+	.long	68755798
+	.long	4115633027
+	.long	1041448998
+	.long	3095868040
+	.long	1943789869
+	.long	1860096405
+	.long	2776760880
+	.long	588673182
+	.long	3897205563
+	.long	449450869
+	.long	3516317904
+	.long	1459794558
+	.long	2623431131
+	.long	2170245475
+	.long	1242006214
+	.long	3432247400
+	.long	131015629
+	.long	4137259288
+	.long	1036337853
+	.long	3142660115
+	.long	1879958454
+	.long	1829294862
+	.long	2790523051
+	.long	549483013
+	.long	3952910752
+	.long	300424884
+	.long	3669282065
+	.long	1545650111
+	.long	2541513754
+	.long	2323209378
+	.long	1092980487
+	.long	3350330793
+	.long	216870412
+	.long	4256931033
+	.long	921128828
+	.long	2960342482
+	.long	2066738807
+	.long	1714085583
+	.long	2910195050
+	.long	736264132
+	.long	3770592353
+	.long	306060335
+	.long	3647131530
+	.long	1610005796
+	.long	2494197377
+	.long	2309971513
+	.long	1123257756
+	.long	3295149874
+	.long	255536279
+	.long	4268596802
+	.long	892423655
+	.long	3013951305
+	.long	2029645036
+	.long	1711070292
+	.long	2929725425
+	.long	674528607
+	.long	3815288570
+	.long	373562242
+	.long	3709388839
+	.long	1535949449
+	.long	2429577516
+	.long	2379569556
+	.long	1183418929
+	.long	3223189663
+	.long	188820282
+	.long	4195850735
+	.long	827017802
+	.long	3084859620
+	.long	2089020225
+	.long	1636228089
+	.long	2866415708
+	.long	743340786
+	.long	3876759895
+	.long	361896217
+	.long	3738094268
+	.long	1482340370
+	.long	2466671543
+	.long	2382584591
+	.long	1163888810
+	.long	3284924932
+	.long	144124321
+	.long	4190215028
+	.long	849168593
+	.long	3020503679
+	.long	2136336858
+	.long	1649465698
+	.long	2836138695
+	.long	798521449
+	.long	3838094284
+	.long	0
+	.long	2792819636
+	.long	2543784233
+	.long	837294749
+	.long	4098827283
+	.long	1379413927
+	.long	1674589498
+	.long	3316072078
+	.long	871321191
+	.long	2509784531
+	.long	2758827854
+	.long	34034938
+	.long	3349178996
+	.long	1641505216
+	.long	1346337629
+	.long	4131942633
+	.long	1742642382
+	.long	3249117050
+	.long	4030828007
+	.long	1446413907
+	.long	2475800797
+	.long	904311657
+	.long	68069876
+	.long	2725880384
+	.long	1412551337
+	.long	4064729373
+	.long	3283010432
+	.long	1708771380
+	.long	2692675258
+	.long	101317902
+	.long	937551763
+	.long	2442587175
+	.long	3485284764
+	.long	1774858792
+	.long	1478633653
+	.long	4266992385
+	.long	1005723023
+	.long	2642744891
+	.long	2892827814
+	.long	169477906
+	.long	4233263099
+	.long	1512406095
+	.long	1808623314
+	.long	3451546982
+	.long	136139752
+	.long	2926205020
+	.long	2676114113
+	.long	972376437
+	.long	2825102674
+	.long	236236518
+	.long	1073525883
+	.long	2576072655
+	.long	1546420545
+	.long	4200303349
+	.long	3417542760
+	.long	1841601500
+	.long	2609703733
+	.long	1039917185
+	.long	202635804
+	.long	2858742184
+	.long	1875103526
+	.long	3384067218
+	.long	4166835727
+	.long	1579931067
+	.long	1141601657
+	.long	3799809741
+	.long	3549717584
+	.long	1977839588
+	.long	2957267306
+	.long	372464350
+	.long	668680259
+	.long	2175552503
+	.long	2011446046
+	.long	3516084394
+	.long	3766168119
+	.long	1175200131
+	.long	2209029901
+	.long	635180217
+	.long	338955812
+	.long	2990736784
+	.long	601221559
+	.long	2242044419
+	.long	3024812190
+	.long	306049834
+	.long	3617246628
+	.long	1911408144
+	.long	1074125965
+	.long	3866285881
+	.long	272279504
+	.long	3058543716
+	.long	2275784441
+	.long	567459149
+	.long	3832906691
+	.long	1107462263
+	.long	1944752874
+	.long	3583875422
+	.long	2343980261
+	.long	767641425
+	.long	472473036
+	.long	3126744696
+	.long	2147051766
+	.long	3649987394
+	.long	3899029983
+	.long	1309766251
+	.long	3092841090
+	.long	506333494
+	.long	801510315
+	.long	2310084639
+	.long	1276520081
+	.long	3932237093
+	.long	3683203000
+	.long	2113813516
+	.long	3966292011
+	.long	1243601823
+	.long	2079834370
+	.long	3716205238
+	.long	405271608
+	.long	3192979340
+	.long	2411259153
+	.long	701492901
+	.long	3750207052
+	.long	2045810168
+	.long	1209569125
+	.long	4000285905
+	.long	734575199
+	.long	2378150379
+	.long	3159862134
+	.long	438345922
+	.long	2283203314
+	.long	778166598
+	.long	529136603
+	.long	3120492655
+	.long	2086260449
+	.long	3660498261
+	.long	3955679176
+	.long	1303499900
+	.long	3153699989
+	.long	495890209
+	.long	744928700
+	.long	2316418568
+	.long	1337360518
+	.long	3921775410
+	.long	3626602927
+	.long	2120129051
+	.long	4022892092
+	.long	1237286280
+	.long	2018993941
+	.long	3726666913
+	.long	461853231
+	.long	3186645403
+	.long	2350400262
+	.long	711936178
+	.long	3693557851
+	.long	2052076527
+	.long	1270360434
+	.long	3989775046
+	.long	677911624
+	.long	2384402428
+	.long	3220639073
+	.long	427820757
+	.long	1202443118
+	.long	3789347034
+	.long	3493118535
+	.long	1984154099
+	.long	3018127229
+	.long	362020041
+	.long	612099668
+	.long	2181885408
+	.long	1950653705
+	.long	3526596285
+	.long	3822816288
+	.long	1168934804
+	.long	2148251930
+	.long	645706414
+	.long	395618355
+	.long	2984485767
+	.long	544559008
+	.long	2248295444
+	.long	3085590153
+	.long	295523645
+	.long	3560598451
+	.long	1917673479
+	.long	1134918298
+	.long	3855773998
+	.long	328860103
+	.long	3052210803
+	.long	2214924526
+	.long	577903450
+	.long	3889505748
+	.long	1101147744
+	.long	1883911421
+	.long	3594338121
+	.long	3424493451
+	.long	1785369663
+	.long	1535282850
+	.long	4260726038
+	.long	944946072
+	.long	2653270060
+	.long	2949491377
+	.long	163225861
+	.long	4294103532
+	.long	1501944408
+	.long	1752023237
+	.long	3457862513
+	.long	196998655
+	.long	2915761739
+	.long	2619532502
+	.long	978710370
+	.long	2881684293
+	.long	229902577
+	.long	1012666988
+	.long	2586515928
+	.long	1603020630
+	.long	4193987810
+	.long	3356702335
+	.long	1852063179
+	.long	2553040162
+	.long	1046169238
+	.long	263412747
+	.long	2848217023
+	.long	1818454321
+	.long	3390333573
+	.long	4227627032
+	.long	1569420204
+	.long	60859927
+	.long	2782375331
+	.long	2487203646
+	.long	843627658
+	.long	4159668740
+	.long	1368951216
+	.long	1617990445
+	.long	3322386585
+	.long	810543216
+	.long	2520310724
+	.long	2815490393
+	.long	27783917
+	.long	3288386659
+	.long	1652017111
+	.long	1402985802
+	.long	4125677310
+	.long	1685994201
+	.long	3255382381
+	.long	4091620336
+	.long	1435902020
+	.long	2419138250
+	.long	910562686
+	.long	128847843
+	.long	2715354199
+	.long	1469150398
+	.long	4058414858
+	.long	3222168983
+	.long	1719234083
+	.long	2749255853
+	.long	94984985
+	.long	876691844
+	.long	2453031472
+	.long	0
+	.long	3433693342
+	.long	1109723005
+	.long	2391738339
+	.long	2219446010
+	.long	1222643300
+	.long	3329165703
+	.long	180685081
+	.long	3555007413
+	.long	525277995
+	.long	2445286600
+	.long	1567235158
+	.long	1471092047
+	.long	2600801745
+	.long	361370162
+	.long	3642757804
+	.long	2092642603
+	.long	2953916853
+	.long	1050555990
+	.long	4063508168
+	.long	4176560081
+	.long	878395215
+	.long	3134470316
+	.long	1987983410
+	.long	2942184094
+	.long	1676945920
+	.long	3984272867
+	.long	567356797
+	.long	722740324
+	.long	3887998202
+	.long	1764827929
+	.long	2778407815
+	.long	4185285206
+	.long	903635656
+	.long	3142804779
+	.long	2012833205
+	.long	2101111980
+	.long	2979425330
+	.long	1058630609
+	.long	4088621903
+	.long	714308067
+	.long	3862526333
+	.long	1756790430
+	.long	2753330688
+	.long	2933487385
+	.long	1651734407
+	.long	3975966820
+	.long	542535930
+	.long	2244825981
+	.long	1231508451
+	.long	3353891840
+	.long	188896414
+	.long	25648519
+	.long	3442302233
+	.long	1134713594
+	.long	2399689316
+	.long	1445480648
+	.long	2592229462
+	.long	336416693
+	.long	3634843435
+	.long	3529655858
+	.long	516441772
+	.long	2420588879
+	.long	1559052753
+	.long	698204909
+	.long	3845636723
+	.long	1807271312
+	.long	2803025166
+	.long	2916600855
+	.long	1635634313
+	.long	4025666410
+	.long	593021940
+	.long	4202223960
+	.long	919787974
+	.long	3093159461
+	.long	1962401467
+	.long	2117261218
+	.long	2996361020
+	.long	1008193759
+	.long	4038971457
+	.long	1428616134
+	.long	2576151384
+	.long	386135227
+	.long	3685348389
+	.long	3513580860
+	.long	499580322
+	.long	2471098945
+	.long	1608776415
+	.long	2260985971
+	.long	1248454893
+	.long	3303468814
+	.long	139259792
+	.long	42591881
+	.long	3458459159
+	.long	1085071860
+	.long	2349261162
+	.long	3505103035
+	.long	474062885
+	.long	2463016902
+	.long	1583654744
+	.long	1419882049
+	.long	2550902495
+	.long	377792828
+	.long	3660491170
+	.long	51297038
+	.long	3483679632
+	.long	1093385331
+	.long	2374089965
+	.long	2269427188
+	.long	1273935210
+	.long	3311514249
+	.long	164344343
+	.long	2890961296
+	.long	1627033870
+	.long	4000683757
+	.long	585078387
+	.long	672833386
+	.long	3836780532
+	.long	1782552599
+	.long	2794821769
+	.long	2142603813
+	.long	3005188795
+	.long	1032883544
+	.long	4047146438
+	.long	4227826911
+	.long	928351297
+	.long	3118105506
+	.long	1970307900
+	.long	1396409818
+	.long	2677114180
+	.long	287212199
+	.long	3719594553
+	.long	3614542624
+	.long	467372990
+	.long	2505346141
+	.long	1509854403
+	.long	2162073199
+	.long	1282711281
+	.long	3271268626
+	.long	240228748
+	.long	76845205
+	.long	3359543307
+	.long	1186043880
+	.long	2317064054
+	.long	796964081
+	.long	3811226735
+	.long	1839575948
+	.long	2702160658
+	.long	2882189835
+	.long	1734392469
+	.long	3924802934
+	.long	625327592
+	.long	4234522436
+	.long	818917338
+	.long	3191908409
+	.long	1927981223
+	.long	2016387518
+	.long	3028656416
+	.long	973776579
+	.long	4137723485
+	.long	2857232268
+	.long	1726474002
+	.long	3899187441
+	.long	616751215
+	.long	772270454
+	.long	3803048424
+	.long	1814228491
+	.long	2693328533
+	.long	2041117753
+	.long	3036871847
+	.long	999160644
+	.long	4146592730
+	.long	4259508931
+	.long	826864221
+	.long	3217552830
+	.long	1936586016
+	.long	3606501031
+	.long	442291769
+	.long	2496909786
+	.long	1484378436
+	.long	1388107869
+	.long	2652297411
+	.long	278519584
+	.long	3694387134
+	.long	85183762
+	.long	3384397196
+	.long	1194773103
+	.long	2342308593
+	.long	2170143720
+	.long	1307820918
+	.long	3279733909
+	.long	265733131
+	.long	2057717559
+	.long	3054258089
+	.long	948125770
+	.long	4096344276
+	.long	4276898253
+	.long	843467091
+	.long	3167309488
+	.long	1885556270
+	.long	2839764098
+	.long	1709792284
+	.long	3949353983
+	.long	667704161
+	.long	755585656
+	.long	3785577190
+	.long	1865176325
+	.long	2743489947
+	.long	102594076
+	.long	3401021058
+	.long	1144549729
+	.long	2291298815
+	.long	2186770662
+	.long	1325234296
+	.long	3228729243
+	.long	215514885
+	.long	3589828009
+	.long	424832311
+	.long	2547870420
+	.long	1534552650
+	.long	1370645331
+	.long	2635621325
+	.long	328688686
+	.long	3745342640
+	.long	2211456353
+	.long	1333405183
+	.long	3254067740
+	.long	224338562
+	.long	127544219
+	.long	3408931589
+	.long	1170156774
+	.long	2299866232
+	.long	1345666772
+	.long	2627681866
+	.long	303053225
+	.long	3736746295
+	.long	3565105198
+	.long	416624816
+	.long	2522494803
+	.long	1525692365
+	.long	4285207626
+	.long	868291796
+	.long	3176010551
+	.long	1910772649
+	.long	2065767088
+	.long	3079346734
+	.long	956571085
+	.long	4121828691
+	.long	747507711
+	.long	3760459617
+	.long	1856702594
+	.long	2717976604
+	.long	2831417605
+	.long	1684930971
+	.long	3940615800
+	.long	642451174
+	.cc_bottom crc_tables.data
+	.cc_top first_state.data,first_state
+	.p2align	2
+	.type	first_state,@object
+	.size	first_state, 32
+first_state:
+	.long	1779033703
+	.long	3144134277
+	.long	1013904242
+	.long	2773480762
+	.long	1359893119
+	.long	2600822924
+	.long	528734635
+	.long	1541459225
+	.cc_bottom first_state.data
+	.cc_top round_constants.data,round_constants
+	.p2align	2
+	.type	round_constants,@object
+	.size	round_constants, 256
+round_constants:
+	.long	1116352408
+	.long	1899447441
+	.long	3049323471
+	.long	3921009573
+	.long	961987163
+	.long	1508970993
+	.long	2453635748
+	.long	2870763221
+	.long	3624381080
+	.long	310598401
+	.long	607225278
+	.long	1426881987
+	.long	1925078388
+	.long	2162078206
+	.long	2614888103
+	.long	3248222580
+	.long	3835390401
+	.long	4022224774
+	.long	264347078
+	.long	604807628
+	.long	770255983
+	.long	1249150122
+	.long	1555081692
+	.long	1996064986
+	.long	2554220882
+	.long	2821834349
+	.long	2952996808
+	.long	3210313671
+	.long	3336571891
+	.long	3584528711
+	.long	113926993
+	.long	338241895
+	.long	666307205
+	.long	773529912
+	.long	1294757372
+	.long	1396182291
+	.long	1695183700
+	.long	1986661051
+	.long	2177026350
+	.long	2456956037
+	.long	2730485921
+	.long	2820302411
+	.long	3259730800
+	.long	3345764771
+	.long	3516065817
+	.long	3600352804
+	.long	4094571909
+	.long	275423344
+	.long	430227734
+	.long	506948616
+	.long	659060556
+	.long	883997877
+	.long	958139571
+	.long	1322822218
+	.long	1537002063
+	.long	1747873779
+	.long	1955562222
+	.long	2024104815
+	.long	2227730452
+	.long	2361852424
+	.long	2428436474
+	.long	2756734187
+	.long	3204031479
+	.long	3329325298
+	.cc_bottom round_constants.data
+	.ident	"Debian clang version 14.0.6"
+	.section	".note.GNU-stack","",@progbits
