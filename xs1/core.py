@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from .encoding import predecode
 from .instructions import BY_NAME
 from .kernels import run
+from .predecoding import predecode
 from .names import port_name
 from .resources import find
 from .state import (

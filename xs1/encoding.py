@@ -2,7 +2,7 @@
 
 A half word is a whole instruction, or the first half of a long one: then it is a prefix, which has the upper bits of
 the next half word's immediate, or it begins with five ones, and the next half word has the opcode. So two half words
-are enough to decode, by look-up in `tables`. `predecode` does it for a whole memory.
+are enough to decode, by look-up in `tables`. `predecoding` does it for a whole memory.
 
 Three operands of 0 to 11 lie in 11 bits: two bits of each in a field of its own, and their upper bits as digits of base
 3 in five bits, whose values 27 to 31 are left for the formats of fewer operands.
@@ -29,7 +29,6 @@ __all__ = [
     "decode",
     "encode",
     "fields",
-    "predecode",
     "registers_of",
     "size_of",
     "split",
@@ -102,7 +101,7 @@ class Decoded(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """Everything that decodes two half words without a search. Words are as `predecode` returns them.
+    """Everything that decodes two half words without a search. Words are as `predecoding.predecode` returns them.
 
     Parameters
     ----------
@@ -236,32 +235,6 @@ def size_of(code: int, imm: int = 0) -> int:
     if number >> bits + 10:
         raise ValueError(f"the immediate of {instruction.name} is 0 to {(1 << bits + 10) - 1}, not {number}")
     return 4 if number >> bits else 2
-
-
-def predecode(memory: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Decode the instruction at every half word of a memory; compiled.
-
-    Parameters
-    ----------
-    memory : (n,) uint8
-        n is even.
-
-    Returns
-    -------
-    words : (n / 2,) int64
-        Bits 0 to 7 are the code, or `ILLEGAL`; a to f follow with 4 bits each; bits 32 to 34 are the size in bytes.
-    imm : (n / 2,) int32
-        As in `Decoded`.
-
-    Notes
-    -----
-    After a store into code decode that half word and the one before it again, by ``predecoding.redecode``.
-    """
-    from .predecoding import predecode_all  # numba is slow to import
-
-    words, imm = np.empty(len(memory) // 2, np.int64), np.empty(len(memory) // 2, np.int32)
-    predecode_all(tables(), memory.view("<u2").astype(np.uint16, copy=False), words, imm)
-    return words, imm
 
 
 @cache

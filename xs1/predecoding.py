@@ -5,21 +5,42 @@ numba compiles these functions at their first call. They do not check bounds.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..compiling import kernel, part
-from .encoding import ILLEGAL, LONG, PREFIX
+from .encoding import ILLEGAL, LONG, PREFIX, Tables, tables
 from .encoding import split as _split_plain
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from .encoding import Tables
-
-__all__ = ["decode_pair", "predecode_all", "redecode"]
+__all__ = ["decode_pair", "predecode", "predecode_all", "redecode"]
 
 _split = part(_split_plain)
+
+
+def predecode(memory: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Decode the instruction at every half word of a memory; compiled.
+
+    Parameters
+    ----------
+    memory : (n,) uint8
+        n is even.
+
+    Returns
+    -------
+    words : (n / 2,) int64
+        Bits 0 to 7 are the code, or `ILLEGAL`; a to f follow with 4 bits each; bits 32 to 34 are the size in bytes.
+    imm : (n / 2,) int32
+        As in `Decoded`.
+
+    Notes
+    -----
+    After a store into code decode that half word and the one before it again, by `redecode`.
+    """
+    words, imm = np.empty(len(memory) // 2, np.int64), np.empty(len(memory) // 2, np.int32)
+    predecode_all(tables(), memory.view("<u2").astype(np.uint16, copy=False), words, imm)
+    return words, imm
 
 
 @part
@@ -35,7 +56,7 @@ def decode_pair(tables: Tables, low: int, high: int) -> tuple[int, int]:
     Returns
     -------
     word : int
-        As `encoding.predecode` returns it.
+        As `predecode` returns it.
     imm : int
     """
     word, imm = tables.short[low], int(tables.imm[low])
@@ -71,7 +92,7 @@ def predecode_all(tables: Tables, halves: NDArray[np.uint16], words: NDArray[np.
     halves : (n,) uint16
         The memory. A long instruction whose second half would lie after its end is illegal.
     words, imm : (n,) int64 and int32
-        Become what `encoding.predecode` returns.
+        Become what `predecode` returns.
     """
     for index in range(len(halves)):
         redecode(tables, halves, words, imm, index)

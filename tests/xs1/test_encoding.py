@@ -9,9 +9,9 @@ from typing import Any
 import capstone  # type: ignore[import-untyped]
 import numpy as np
 import pytest
-from phasewire.xs1.encoding import ILLEGAL, Decoded, decode, encode, fields, predecode, registers_of, size_of, tables
+from phasewire.xs1.encoding import ILLEGAL, Decoded, decode, encode, fields, registers_of, size_of, tables
 from phasewire.xs1.instructions import BIT_POSITIONS, BY_NAME, INSTRUCTIONS, Format
-from phasewire.xs1.predecoding import redecode
+from phasewire.xs1.predecoding import predecode, redecode
 from phasewire.xs1.syntax import is_branch, render
 
 from tests.xs1.llvm import disassembled, needs_llvm
