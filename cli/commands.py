@@ -107,6 +107,9 @@ PANELS = {
     "Firmware": {
         "flash": Home("flash", "Give a device new firmware, completely or not at all, and check that it runs."),
         "firmware": Home("firmware", "Build, inspect, sign and verify firmware images."),
+        "xs1": Home(
+            "xs1", "Assemble, disassemble, run and trace programs of an XS1 core, the chip of the chain's processors."
+        ),
     },
     "Test and emulate": {
         "conformance": Home(

@@ -29,6 +29,7 @@ from ..protocol.codes import SEGMENT_MAX_BYTES, Hardware, Target
 from ..protocol.enumeration import PRODUCT_ID, VENDOR_ID
 from ..protocol.firmware import Image, ImageHeader, Segment, Suffix, sign, with_suffix
 from ..protocol.versions import Version
+from ..signals import loading
 from ..storage import check_outputs, replacing
 from ..storage import read_file as read_bounded
 from .console import JsonOption, console_for, error_console, write_json
@@ -57,11 +58,21 @@ PUBLIC_KEY_HELP = f"PEM file of a trusted public key; may be given again. Make o
     epilog="Example: phasewire firmware build --controller c.bin --processors p.bin --firmware-version 1.2.3 -o new.dfu"
 )
 def build(
-    controller: Annotated[Path, typer.Option(metavar="FILE", help="The controller's program.")],
     firmware_version: Annotated[str, typer.Option(metavar="X.Y.Z", help="Version of the firmware, up to 99.9.9.")],
     output: OutputOption,
+    controller: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The controller's program; by default the emulator's, which only stands for one.",
+        ),
+    ] = None,
     processors: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The program of all ten processors, if they are alike.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The program of all ten processors, if they are alike; by default the one of this package.",
+        ),
     ] = None,
     processor: Annotated[
         list[str] | None,
@@ -85,11 +96,12 @@ def build(
     A program has 1 to 65536 bytes, the size of a processor's memory; its contents are not checked.
     """
     programs = _programs(processors, processor or [])
-    inputs = [controller, *programs.values(), *([key] if key else [])]
-    check_outputs([output, json_target], inputs)
+    if controller is not None:
+        programs[Target.CONTROLLER] = controller
+    check_outputs([output, json_target], [*programs.values(), *([key] if key else [])])
     version, (vendor, product) = _version(firmware_version), _usb_id(usb_id)
-    segments = [_segment(target, path) for target, path in {**programs, Target.CONTROLLER: controller}.items()]
-    image = Image(version, tuple(segments), _hardware(hardware))
+    segments = [_segment(target, path) for target, path in programs.items()]
+    image = Image(version, _completed(segments, version), _hardware(hardware))
     if key:
         image = sign(image, _private_key(key))
     _write(output, image, Suffix(vendor, product, version.bcd), json_target)
@@ -165,13 +177,15 @@ def verify(
 
 
 def _programs(processors: Path | None, each: Sequence[str]) -> dict[Target, Path]:
-    """The files of the processors' programs, in the order of clause FWU-007."""
-    if (processors is None) == (not each):
+    """The files of the processors' programs, in the order of clause FWU-007; none means the package's own program."""
+    if processors is not None and each:
         raise ValueError(
             f"name the processors' programs once: --processors FILE, or --processor N=FILE {PROCESSORS} times"
         )
     if processors is not None:
         return {Target.ALL_PROCESSORS: processors}
+    if not each:
+        return {}
     named: dict[int, Path] = {}
     for text in each:
         number, equals, path = text.partition("=")
@@ -229,6 +243,21 @@ def _segment(target: Target, path: Path) -> Segment:
     if not data:
         raise InputFileError(f"{path} is empty; the program for {target.name} must have 1 to {SEGMENT_MAX_BYTES} bytes")
     return Segment(target, data)
+
+
+def _completed(given: Sequence[Segment], version: Version) -> tuple[Segment, ...]:
+    """The segments of an image: those given, and the package's own in place of missing ones."""
+    if {segment.target is Target.CONTROLLER for segment in given} == {False, True}:
+        return tuple(given)
+    with loading():
+        from ..emulator.firmware.loader import FACTORY_IMAGE  # slow, and only for what is missing
+        from ..firmware.build import processor_segment
+    segments = list(given)
+    if not any(segment.target is not Target.CONTROLLER for segment in segments):
+        segments.insert(0, Segment(Target.ALL_PROCESSORS, processor_segment(version)))
+    if not any(segment.target is Target.CONTROLLER for segment in segments):
+        segments += (segment for segment in FACTORY_IMAGE.segments if segment.target is Target.CONTROLLER)
+    return tuple(segments)
 
 
 def _write(path: Path, image: Image, suffix: Suffix, json_target: str | None) -> None:

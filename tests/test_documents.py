@@ -66,6 +66,7 @@ def test_the_python_of_the_first_steps_runs(capsys: pytest.CaptureFixture[str]) 
         ("explanation/quiet-and-safe.md", 1),
         ("explanation/skin.md", 1),
         ("how-to/feel.md", 1),
+        ("how-to/xs1.md", 1),
     ],
 )
 def test_the_python_of_the_documents_runs(

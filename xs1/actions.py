@@ -1,4 +1,5 @@
 # ruff: noqa: SIM109  # numba compiles a comparison with each of a few codes, not a search
+# mypy: disable-error-code="no-any-return"
 """Instructions that act on resources, threads and the kernel, for the core's kernel.
 
 They are executed in order of time, one at a time, whichever way the other instructions go.
@@ -388,7 +389,13 @@ def _input(s: Any, pins: Any, p: int, t: int, entries: int, now: int) -> int:
     b = PORT + p * PORT_ROW
     if s[b + OUTPUT] == 0 and input_is_ready(s, b):
         s[FAULT_DATA] = s[b + TRANSFER]
-        s[b + FULL] = 0
+        if s[b + VALID] == s[b + SHIFT_COUNT]:  # ENDIN left samples, which are all there
+            s[b + SHIFT_COUNT] = s[b + ENTRIES]
+            s[b + TRANSFER] = s[b + SHIFT]
+            s[b + VALID] = 0
+            s[b + STAMP] = s[b + COUNTER]
+        else:
+            s[b + FULL] = 0
         s[b + HOLD] = 0
         s[b + AWAITED] = 0
         s[b + TIMED] = 0

@@ -1,4 +1,5 @@
 # ruff: noqa: SIM109  # numba compiles a comparison with each of a few numbers, not a search
+# mypy: disable-error-code="no-any-return"
 """Channel ends, for the core's kernel.
 
 Tokens of a channel end come from two sides: from threads of this core, which pause if the buffer is full, and from the
@@ -61,7 +62,9 @@ from .state import (
     part,
 )
 
-__all__ = ["absorb", "clear", "poke", "room_after", "send", "take", "token_at", "word_after", "word_is_there"]
+__all__ = [
+    "absorb", "clear", "may_send", "poke", "room_after", "send", "take", "token_at", "word_after", "word_is_there",
+]  # fmt: skip
 
 END, PAUSE = CONTROL | 1, CONTROL | 2
 

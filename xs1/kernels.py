@@ -55,6 +55,7 @@ from .state import (
     NEXT,
     NOT_DECODED,
     ON,
+    OPTIONS,
     OUTSIDE_RAM,
     OWNER,
     PAUSE,
@@ -181,8 +182,7 @@ def _high_product(a: int, b: int) -> tuple[int, int]:
 
 
 def _run(function: Function) -> Function:
-    """The kernel counts no references to its arrays, which Python holds: that would take half of its time."""
-    return _kernel(function, error_model="numpy", _nrt=False)
+    return _kernel(function, **OPTIONS)
 
 
 @part

@@ -1,3 +1,4 @@
+# mypy: disable-error-code="no-any-return"
 """Ports and the clock blocks that drive them, for the core's kernel.
 
 A port changes at edges of its clock only, so nothing happens between them that need be computed: `update` brings a port
@@ -68,7 +69,8 @@ from .state import (
 )
 
 __all__ = [
-    "attach", "bring_up", "drained_after", "input_after", "input_is_ready", "output_after", "restart", "touch", "update",
+    "attach", "bring_up", "drained_after", "free_after", "input_after", "input_is_ready", "output_after", "restart",
+    "touch", "update",
 ]  # fmt: skip
 
 

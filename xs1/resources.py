@@ -1,4 +1,5 @@
 # ruff: noqa: SIM109  # numba compiles a comparison with each of a few reasons, not a search
+# mypy: disable-error-code="no-any-return"
 """Threads' dealings with resources, for the core's kernel: finding them, waiting for them, their events.
 
 A paused thread has a time at which it looks again, which is exact where it can be computed, and is brought forward by

@@ -20,9 +20,13 @@ from .instructions import BY_NAME
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+"""The kernel counts no references to its arrays, which Python holds: that would take half of its time."""
+
+
 def part(function: Function) -> Function:
     """A function for the core's kernel, compiled with it."""
-    return cast(Function, njit(error_model="numpy", _nrt=False)(function))
+    return cast(Function, njit(**OPTIONS)(function))
 
 
 def codes(names: str) -> list[int]:

@@ -2,7 +2,7 @@
 
 A program sends a control message to the configuration resource of a node (number C3, type C), and the switch answers
 to the channel end that the message names. Numbers of several bytes travel most significant byte first. Registers and
-fields are those of the public register header of the XS1-L; `docs/reference` names the sources.
+fields are those of the public register header of the XS1-L.
 
 How fast tokens travel, and to whom, is the affair of whoever owns the switch.
 """

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Self, TypeVar
 from urllib.parse import parse_qsl
 
-from ...errors import DeviceUrlError, InputFileError
+from ...errors import DeviceUrlError, ImageError, InputFileError
 from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
+from ...protocol.firmware import Image, parse
 from ...protocol.framing import BAUD
 from ...protocol.timing import FIVE_WIRE, LINKS, Link
+from ...storage import read_file
 from ..firmware.flash import Flash
 from ..machine import Emulator, FirmwareChoice
 from ..scenario import read_scenario
@@ -24,8 +26,16 @@ USB, SERIAL = "usb", "serial"
 DOORS = {door: door for door in (USB, SERIAL)}
 
 FIRMWARE: dict[str, FirmwareChoice] = {"model": "model", "xs1": "xs1"}
+IMAGE_SUFFIX = ".dfu"
+MOST_IMAGE_BYTES = 1024 * 1024
+"""More than the largest image has (clause FWU-008)."""
 
-OF_THE_DEVICE = {"link": "5wire or 2wire", "speed": "high or full", "firmware": "model or xs1", "faults": "FILE"}
+OF_THE_DEVICE = {
+    "link": "5wire or 2wire",
+    "speed": "high or full",
+    "firmware": f"model, xs1 or FILE{IMAGE_SUFFIX}",
+    "faults": "FILE",
+}
 OF_THE_DOOR = {"door": "usb or serial", "baud": "RATE (of door=serial)"}
 
 Choice = TypeVar("Choice")
@@ -41,8 +51,8 @@ class EmulatorUrl:
         Serial number of a device that is plugged in; empty for a fresh one.
     link, speed : Link, Speed
         For a fresh one.
-    firmware : "model" or "xs1"
-        Whether the processors of a fresh one are models, or execute their firmware.
+    firmware : "model", "xs1" or Path
+        Whether the processors of a fresh one are models, or execute the firmware of this package or that of a file.
     faults : Path or None
         Fault scenario for a fresh one.
     baud : int
@@ -52,7 +62,7 @@ class EmulatorUrl:
     serial: str
     link: Link
     speed: Speed
-    firmware: FirmwareChoice
+    firmware: FirmwareChoice | Path
     faults: Path | None
     baud: int
 
@@ -61,9 +71,9 @@ class EmulatorUrl:
         """Parse a URL.
 
         ``emulator:`` is a fresh emulator for the caller, with options ``?link=5wire`` or ``2wire``, ``speed=high``
-        or ``full``, ``firmware=model`` or ``xs1`` and ``faults=FILE``, a scenario; ``emulator:SERIAL`` is one that this
-        process has plugged in. Both have ``door=usb`` or ``serial``, and the latter ``baud=RATE``. Options are joined
-        by ``&``.
+        or ``full``, ``firmware=model``, ``xs1`` or ``FILE.dfu``, an image, and ``faults=FILE``, a scenario;
+        ``emulator:SERIAL`` is one that this process has plugged in. Both have ``door=usb`` or ``serial``, and the
+        latter ``baud=RATE``. Options are joined by ``&``.
 
         Raises
         ------
@@ -88,25 +98,43 @@ class EmulatorUrl:
             serial,
             _choice(url, "link", LINKS, options.get("link", FIVE_WIRE.name)),
             _choice(url, "speed", SPEEDS, options.get("speed", "high")),
-            _choice(url, "firmware", FIRMWARE, options.get("firmware", "model")),
+            _firmware(url, options.get("firmware", "model")),
             Path(options["faults"]) if "faults" in options else None,
             _baud(url, options.get("baud", str(BAUD))),
         )
+
+    def image(self) -> Image | FirmwareChoice:
+        """The firmware of a fresh one as `Emulator` takes it, read if it is a file.
+
+        Raises
+        ------
+        ImageError, InputFileError
+            If the file cannot be read, or is no image.
+        """
+        if not isinstance(self.firmware, Path):
+            return self.firmware
+        try:
+            return parse(read_file(self.firmware, MOST_IMAGE_BYTES))
+        except OSError as error:
+            raise InputFileError(f"{self.firmware} cannot be read: {error.strerror}") from error
+        except ImageError as error:
+            raise ImageError(f"{self.firmware}: {error}", error.reason) from error
 
     def make(self, flash: Flash | None = None, *, history_periods: int | None = None) -> Emulator:
         """Make the fresh emulator, with a flash or as it leaves the factory; the history is as `Emulator` keeps it.
 
         Raises
         ------
-        InputFileError
-            If the scenario cannot be read, or contains something impossible.
+        ImageError, InputFileError
+            If the image or the scenario cannot be read, or contains something impossible.
         """
+        executed: FirmwareChoice = "model" if self.firmware == "model" else "xs1"
         emulator = Emulator(
             link=self.link,
             speed=self.speed,
             flash=flash,
             history_periods=history_periods,
-            firmware=self.firmware,
+            firmware=self.image() if flash is None else executed,
         )
         if self.faults is None:
             return emulator
@@ -119,6 +147,14 @@ class EmulatorUrl:
         except ValueError as error:
             raise InputFileError(f"{self.faults}: {error}") from error
         return emulator
+
+
+def _firmware(url: str, name: str) -> FirmwareChoice | Path:
+    if name.endswith(IMAGE_SUFFIX):
+        return Path(name)
+    if name not in FIRMWARE:
+        raise DeviceUrlError(f"{url!r}: unknown firmware {name!r}; known are {OF_THE_DEVICE['firmware']}")
+    return FIRMWARE[name]
 
 
 def _choice(url: str, option: str, known: Mapping[str, Choice], name: str) -> Choice:

@@ -312,17 +312,18 @@ def _emulated(url: str, key: Ed25519PrivateKey | None, stack: ExitStack) -> tupl
         if named is None:
             raise DeviceNotFoundError(f"no device at {url!r}: nothing of this serial number is plugged in")
         return named, url
-    emulator = stack.enter_context(address.make(_flash(key, address.firmware)))
+    emulator = stack.enter_context(address.make(_flash(key, address.image())))
     options = [option for option in rest.removeprefix("?").split("&") if option.startswith(("door=", "baud="))]
     return emulator, emulator.url + ("?" + "&".join(options) if options else "")
 
 
-def _flash(key: Ed25519PrivateKey | None, firmware: FirmwareChoice) -> Flash:
-    """Parameters of a device with as many blocks and sectors of firmware as a real one."""
+def _flash(key: Ed25519PrivateKey | None, firmware: Image | FirmwareChoice) -> Flash:
+    """Parameters of a device with its firmware, or with as many blocks and sectors of firmware as a real one."""
     from ...firmware.images import device_image
 
     segments = (Segment(Target.ALL_PROCESSORS, bytes(range(1, 256)) * 21), Segment(Target.CONTROLLER, bytes(6000)))
-    image = device_image() if firmware == "xs1" else Image(Version(1, 0, 0), segments)
+    stand_in = Image(Version(1, 0, 0), segments)
+    image = firmware if isinstance(firmware, Image) else device_image() if firmware == "xs1" else stand_in
     keys = () if key is None else (key.public_key(),)
     identity = DeviceIdentity(f"CONFORMANCE-{next(_serials)}", Wiring.strips(), keys)
     return make_flash(identity, image if key is None else sign(image, key))

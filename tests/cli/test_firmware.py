@@ -13,7 +13,11 @@ from pathlib import Path
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
-from phasewire.protocol.firmware import Suffix, parse, with_suffix
+from phasewire.emulator.firmware.loader import FACTORY_IMAGE
+from phasewire.firmware.build import processor_segment
+from phasewire.protocol.codes import Target
+from phasewire.protocol.firmware import Segment, Suffix, parse, with_suffix
+from phasewire.protocol.versions import Version
 
 from tests.cli.runner import Run
 from tests.specification import hex_examples
@@ -96,6 +100,26 @@ def test_each_processor_may_have_its_own_program(firmware: Run, folder: Path) ->
     assert [segment["bytes"] for segment in record["segments"]] == [*range(1, 11), 4]
     image = parse((folder / "ten.dfu").read_bytes())
     assert [segment.data for segment in image.segments] == [bytes([n]) * (n + 1) for n in range(10)] + [CONTROLLER]
+
+
+def test_missing_programs_are_the_package_s_own(firmware: Run, folder: Path) -> None:
+    """The processors' program executes; the controller's only stands for one."""
+    version = Version(2, 3, 4)
+    outcome = firmware("build", "--firmware-version", "2.3.4", "-o", "own.dfu")
+    assert outcome.code == 0, outcome.err
+    image = parse((folder / "own.dfu").read_bytes())
+    processors, controller = image.segments
+    assert (processors.target, processors.data) == (Target.ALL_PROCESSORS, processor_segment(version))
+    assert controller == FACTORY_IMAGE.segments[-1]
+    assert controller.target is Target.CONTROLLER
+    each = [f"--processor={n}={n}.bin" for n in range(10)]
+    for given, segments in (
+        (["--controller", "controller.bin"], (processors, Segment(Target.CONTROLLER, CONTROLLER))),
+        (["--processors", "processors.bin"], (Segment(Target.ALL_PROCESSORS, PROCESSORS), controller)),
+        (each, (*(Segment(Target(n), bytes([n]) * (n + 1)) for n in range(10)), controller)),
+    ):
+        assert firmware("build", "--firmware-version", "2.3.4", *given, "-o", "own.dfu").code == 0
+        assert parse((folder / "own.dfu").read_bytes()).segments == segments
 
 
 # Looking
@@ -254,7 +278,11 @@ VERSION = ("--firmware-version", "1.2.3")
         (build_with(*ALIKE, *VERSION, "--key", "public.pem"), "public.pem holds a public key"),
         (build_with(*ALIKE, *VERSION, "--key", "none.pem"), "none.pem: No such file"),
         (build_with(*ALIKE, *VERSION, "--processor", "0=0.bin"), "programs once: --processors"),
-        (build_with(*ALIKE[:2], *VERSION), "programs once: --processors FILE, or --processor N=FILE 10 times"),
+        (
+            build_with(*ALIKE, *VERSION, *(f"--processor={n}={n}.bin" for n in range(10))),
+            "programs once: --processors FILE, or --processor N=FILE 10 times",
+        ),
+        (build_with("--firmware-version", "1.2.10"), "1.2.10: the first number is 0 to 99, the others 0 to 9"),
         (build_with(*ALIKE[:2], *VERSION, "--processor", "10=0.bin"), "N=FILE, with N from 0 to 9"),
         (build_with(*ALIKE[:2], *VERSION, "--processor", "0.bin"), "N=FILE, with N from 0 to 9"),
         (build_with(*ALIKE[:2], *VERSION, "--processor", "³=0.bin"), "N=FILE, with N from 0 to 9"),

@@ -98,6 +98,12 @@ ROWS = {
     "firmware inspect": Row("firmware inspect new.dfu", r"2\.3\.4"),
     "firmware sign": Row("firmware sign new.dfu --key key.pem --output signed.dfu", r"", makes=("signed.dfu",)),
     "firmware verify": Row("firmware verify new.dfu --key public.pem", r"UNSIGNED", codes=(1,)),
+    "xs1 asm": Row(
+        "xs1 asm play.s --output made.bin", r"made\.bin: 8 bytes; 65,528 of 65,536", makes=("made.bin", "made.map")
+    ),
+    "xs1 disasm": Row("xs1 disasm play.bin", r"10002 +\w+ +out res\[r0\], r1"),
+    "xs1 run": Row("xs1 run play.bin --reg r0=0x10400 --ms 0.1", r"all cycles were executed +39,999"),
+    "xs1 trace": Row("xs1 trace play.bin --reg r0=0x10400 --count 3", r"out res\[r0\], r1"),
     "emulate": Row("emulate --seconds 0 --port 0 --serial pty", r"Ended; the devices are gone"),
     "attach": Row("attach 127.0.0.1:1", r"", codes=(3,), json=False),
     "config": Row("config", r"show +seconds +1\.0 +built-in"),
@@ -166,6 +172,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "new.dfu").write_bytes(upgrades.FILE)
     (folder / "c.bin").write_bytes(b"controller")
     (folder / "p.bin").write_bytes(b"processors")
+    (folder / "play.s").write_text("    setc res[r0], 8\nnext:\n    out res[r0], r1\n    eq r1, r1, 0\n    bu next\n")
+    (folder / "play.bin").write_bytes(bytes.fromhex("08e8c4ae14b00377"))
     private = upgrades.KEY.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
     (folder / "key.pem").write_bytes(private)
     public = upgrades.KEY.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)

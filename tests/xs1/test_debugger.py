@@ -202,6 +202,14 @@ def test_instructions_around_a_place_begin_at_instructions(program: Program) -> 
     assert around(memory, program, 0x1FFFE, after=3)[-1].address == 0x1FFFE
 
 
+def test_what_lies_before_a_place_and_leads_into_it_is_not_shown() -> None:
+    """The half word before `over` is a prefix: with it `ldc` would be one instruction of four bytes."""
+    program = made("start: bu over\n.short 0xf000\nover: ldc r0, 1\nwaiteu")
+    memory = Execution(Setup(program)).core.memory
+    lines = around(memory, program, program.symbols["over"], after=1)
+    assert [(line.address, line.text) for line in lines] == [(0x10004, "ldc r0, 1"), (0x10006, "waiteu")]
+
+
 def test_the_view_has_everything(program: Program, execution: Execution) -> None:
     execution.run(10_000)
     text = view(execution)
