@@ -131,6 +131,8 @@ class Emulator:
         The device's UART; None while the device starts or waits for new firmware.
     controller : Controller or None
         None while the device starts.
+    executes : bool
+        Whether the processors execute their firmware, so that a second of theirs takes some seconds.
 
     Notes
     -----
@@ -162,7 +164,7 @@ class Emulator:
                 raise ValueError(
                     f"clock offset {ticks} of board {board}: boards are 0 to {BOARDS - 1}, offsets not negative"
                 )
-        self._executes = firmware != "model"
+        self.executes = firmware != "model"
         if flash is None:
             made_up = f"EMU-{next(_serials):04d}" if serial is None else serial
             identity = DeviceIdentity(made_up, table or wiring or Wiring.strips())
@@ -174,7 +176,7 @@ class Emulator:
         self.serial = self._identity.serial
         self._wiring = wiring or self._identity.wiring
         self._link = link
-        self._unfolded = unfolded or self._executes
+        self._unfolded = unfolded or self.executes
         self._history_periods = None if history_periods is None else whole("history_periods", history_periods, 1, NEVER)
         self._first_period = 0
         self._pulses_fail = False
@@ -278,7 +280,7 @@ class Emulator:
 
     def _number(self, booted: Boot) -> None:
         assert self._life is not None
-        self.chain = self._executed_chain(booted) if self._executes else self._modelled_chain(booted)
+        self.chain = self._executed_chain(booted) if self.executes else self._modelled_chain(booted)
         self.processors = self.chain.processors
         self._faults.afflict()
         self._life.at(self.scheduler.now + self.chain.starting_cycles, partial(self._begin_numbering, booted))

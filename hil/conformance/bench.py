@@ -169,6 +169,7 @@ class Bench:
         *,
         profile: Profile,
         spare: Callable[[Ed25519PrivateKey | None], AbstractContextManager[Bench]] | None = None,
+        free_time: bool = True,
     ) -> None:
         self.line = line
         self.levers = levers
@@ -177,6 +178,7 @@ class Bench:
         self.allowed = allowed
         self._seed = seed
         self._spare = spare
+        self._free_time = free_time
         self.profile = profile
         self._serial: RawSerialLine | None = line if isinstance(line, RawSerialLine) else None
         self._notes: deque[tuple[str, str | bytes]] = deque()
@@ -224,8 +226,11 @@ class Bench:
 
     def can(self, need: Need) -> bool:
         """Whether the bench can see or do something."""
-        seen = need is Need.CAPTURE and self.observer is not None
-        return need in self.levers.can or seen or (need is Need.SPARE and self._spare is not None)
+        if need is Need.CAPTURE:
+            return self.observer is not None or need in self.levers.can
+        if need in (Need.SPARE, Need.FREE_TIME):
+            return self._spare is not None and (self._free_time or need is Need.SPARE)
+        return need in self.levers.can
 
     @contextmanager
     def spare(self, key: Ed25519PrivateKey | None = None) -> Iterator[Bench]:

@@ -50,6 +50,7 @@ class Need(StrEnum):
     BUS = "a USB host besides the line of the blocks"
     FAULTS = "faults that can be caused"
     SPARE = "a second device, which may be broken for good"
+    FREE_TIME = "a second device whose time costs nothing, so that hours may pass"
 
 
 class Risk(StrEnum):
@@ -78,6 +79,7 @@ def unmet(need: Need) -> str:
         Need.POWER: "pass --levers command:power=…",
         Need.PLUG: "pass --levers command:cable=…",
         Need.SPARE: "only a device emulated by this command has that",
+        Need.FREE_TIME: "only a device that this command emulates by models has that",
     }
     return f"needs {need}: {remedies.get(need, 'pass --levers with one that can do it')}"
 

@@ -253,7 +253,10 @@ def open_bench(options: RunOptions, key: Ed25519PrivateKey | None = None) -> Ite
         if allowed is None:
             allowed = frozenset() if emulator is None else frozenset(Risk)
         spare = _plugged_spare(options) if emulator is None else partial(open_bench, _for_a_spare(options))
-        bench = Bench(line, levers, None, allowed, options.seed, profile=options.profile, spare=spare)
+        free_time = emulator is None or not emulator.executes
+        bench = Bench(
+            line, levers, None, allowed, options.seed, profile=options.profile, spare=spare, free_time=free_time
+        )
         if see is not None:
             probes = options.profile.channels(bench.wiring) if options.profile.probes else {}
             bench.observer = see(probes, bench.marks)

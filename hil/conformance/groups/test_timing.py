@@ -447,7 +447,7 @@ LONGEST_WAIT_PERIODS = 10 * CARRIER_HZ
 def test_counts_go_on_beyond_32_bits(bench: Bench, unit: str) -> None:
     """Beyond 2³² ticks (36 minutes) and periods (30 hours) the counts go on, and changes near them begin in time."""
     edge = 2**32 // TICKS_PER_PERIOD if unit == "ticks" else 2**32
-    if bench.can(Need.SPARE):  # the time of such a device costs nothing
+    if bench.can(Need.FREE_TIME):
         with bench.spare() as fresh:
             check_counts_beyond(fresh, edge, edge)
     else:

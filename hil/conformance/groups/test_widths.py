@@ -120,7 +120,7 @@ def test_a_watchdog_time_is_counted_whole(bench: Bench) -> None:
 @case("SAF-003", "REQ-009", "STA-003")
 def test_a_long_watchdog_time_ends(bench: Bench) -> None:
     """A watchdog time beyond 2³² core cycles fires in time: 10.7 s, and 60 s on a device that simulates time."""
-    ms = MOST_MS if bench.can(Need.SPARE) else 2**32 // PER_MS["core cycles"] + 1
+    ms = MOST_MS if bench.can(Need.FREE_TIME) else 2**32 // PER_MS["core cycles"] + 1
     bench.order(Request.WATCHDOG, ms)
     bench.enable()
     last = bench.must(NoOp()).now
@@ -472,7 +472,7 @@ AROUND_SECONDS = 20
 """The time before and after a wrap, because a counter may have started some seconds before period 0."""
 
 
-@case("TIM-002/1", "SAF-003", "SAF-005", "BLK-005", "BLK-015", "CHN-026", needs=(Need.SPARE,))
+@case("TIM-002/1", "SAF-003", "SAF-005", "BLK-005", "BLK-015", "CHN-026", needs=(Need.FREE_TIME,))
 @pytest.mark.parametrize("unattended", [False, True], ids=["attended", "unattended"])
 def test_nothing_goes_wrong_where_a_count_wraps(bench: Bench, unattended: bool) -> None:
     """Watchdog, queue, sequences and lateness hold when 31 and 32 bits of ms, µs, ticks, cycles or periods wrap."""
