@@ -291,19 +291,20 @@ class Emulator:
 
     def _modelled_chain(self, booted: Boot) -> Chain:
         assert self._life is not None
-        processors = [
-            Processor(
-                self._life,
-                place,
-                BoardClock(self._offsets.get(place // PROCESSORS_PER_BOARD, 0)),
-                booted.image.version,
-                self._processor_id(place),
-                self._processor_logger(place),
-                self.tracer,
-            )
-            for place in range(PROCESSORS)
-        ]
+        processors = [self._processor(place, booted) for place in range(PROCESSORS)]
         return ModelledChain(self._life, processors, self._link, self.tracer, self.tampers)
+
+    def _processor(self, place: int, booted: Boot) -> Processor:
+        assert self._life is not None
+        return Processor(
+            self._life,
+            place,
+            BoardClock(self._offsets.get(place // PROCESSORS_PER_BOARD, 0)),
+            booted.image.version,
+            self._processor_id(place),
+            self._processor_logger(place),
+            self.tracer,
+        )
 
     def _executed_chain(self, booted: Boot) -> Chain:
         from .boards.executed import ExecutedProcessor  # numba takes longer to import than everything else together

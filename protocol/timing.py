@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from .board import (
     CARRIER_HZ,
-    CHANNELS,
     CHANNELS_PER_PROCESSOR,
     CORE_HZ,
     CYCLES_PER_PERIOD,
@@ -68,25 +67,27 @@ PROCESSOR_THREADS = 4
 CONTROLLER_CYCLES_PER_INSTRUCTION = max(LEAST_CYCLES_PER_INSTRUCTION, CONTROLLER_THREADS)
 PROCESSOR_CYCLES_PER_INSTRUCTION = max(LEAST_CYCLES_PER_INSTRUCTION, PROCESSOR_THREADS)
 
-# Estimates of what such a firmware would need, in instructions; not measurements.
-#   sorting:     320 pulses, each taken from its 12 bits (4), looked up in a table of valid ones (2) and in the wiring
-#                (2), and put into its slice (3), by three of the controller's four workers
-#   judging:     CRC-32 of a block, 3 for each of its 128 words, and 300 for header, plan and acknowledgement
+# Instructions of firmware. Sorting and judging are counted by executing such code (`firmware/controller`); the times of
+# the processors are bounds of the chain's own firmware (`firmware/processor`).
+#   sorting:     320 pulses taken from their 12 bits, checked, their drive added up, and put into their slices, by three
+#                of the controller's four workers
+#   judging:     277 for the CRC-32 of a block, 69 for its header, and 1190 that the reference device's C needs for
+#                state, plan and acknowledgement
 #   rasterising: 32 pulses of two edges each, 12 + 2·6, and a running exclusive-or over 50 words of 6
 #   modulating:  32 widths looked up anew, 8 each
 #   port:        5 for each of the 50 words
 #   messages:    a slice, a commit and up to two loads
 #   sync:        one edge compared with the clock
-SORT_INSTRUCTIONS = CHANNELS * (4 + 2 + 2 + 3)
+SORT_INSTRUCTIONS = 3_230
 WORKERS = CONTROLLER_THREADS - 1
-JUDGE_INSTRUCTIONS = BLOCK_BYTES // 4 * 3 + 300
+JUDGE_INSTRUCTIONS = 277 + 69 + 1_190
 RASTERISE_INSTRUCTIONS = 1_100  # 32·24 + 50·6 = 1068, rounded up
 MODULATE_INSTRUCTIONS = CHANNELS_PER_PROCESSOR * 8
 PORT_INSTRUCTIONS = TICKS_PER_PERIOD * 5
 MESSAGE_INSTRUCTIONS = 400
 SYNC_INSTRUCTIONS = 20
 
-SORT_CYCLES = 6_000  # 1174 instructions by each of three threads at 5 cycles are 5870; the rest to hand over
+SORT_CYCLES = 7_000  # executed: 4892 to 5448 while the fourth worker pauses, 6021 to 6745 if all five threads run
 RASTERISE_CYCLES = RASTERISE_INSTRUCTIONS * PROCESSOR_CYCLES_PER_INSTRUCTION
 MODULATE_CYCLES = MODULATE_INSTRUCTIONS * PROCESSOR_CYCLES_PER_INSTRUCTION
 HOP_CYCLES = 40  # the delay of a switch is not published; 100 ns is assumed

@@ -18,7 +18,7 @@ from tests.tick_oracle import Change, Item, Pulses, Words, modulating, period_wo
 
 TICK, PERIOD, MS = 200, 10_000, 400_000
 """Core cycles (BUD-001)."""
-SORT, HOPS, RASTERISE, MODULATE = 6000, 400, 4400, 5424
+SORT, HOPS, RASTERISE, MODULATE = 7000, 400, 4400, 5424
 """Core cycles of the stages of an update's way (BUD-003, BUD-006)."""
 SLICES, COMMITS, PROGRAMS = 520, 160, 250
 """Tokens of a change's messages on the first link (CHN-006, CHN-019)."""

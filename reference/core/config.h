@@ -40,7 +40,7 @@
 #define PW_LINES 2u               /* serial lines: line 0 is CDC-ACM, the others are UARTs */
 #endif
 #ifndef PW_SORT_TICKS
-#define PW_SORT_TICKS 30u         /* to judge and sort an update, at most 50: BUD-003 */
+#define PW_SORT_TICKS 35u         /* to judge and sort an update, at most 50: BUD-003 */
 #endif
 #ifndef PW_TOKENS_PER_PERIOD
 #define PW_TOKENS_PER_PERIOD 1250u /* of the first link: BUD-002; 500 on two wires */

@@ -52,10 +52,10 @@ def test_a_change_that_goes_onto_the_chain_in_the_request_s_cycle_has_begun(
 
 @pytest.mark.parametrize("unfolded", [False, True])
 def test_a_change_begun_in_the_cycle_of_a_bus_reset_is_begun_whole(unfolded: bool) -> None:
-    """Its sorting takes 6000 cycles; it goes onto the chain in the cycle of a bus reset that was planned earlier."""
+    """Its sorting takes 7000 cycles; it goes onto the chain in the cycle of a bus reset that was planned earlier."""
     device = Device(Emulator(unfolded=unfolded), enabled=True)
     device.emulator.scheduler.at(device.emulator.running.time.boundary(30), device.usb.reset)
-    device.run_until(30 * PERIOD - 6000)
+    device.run_until(30 * PERIOD - 7000)
     device.usb.bulk_out(0x01, device.pack(Update(FULL)))
     device.run_ms(25)
     assert device.high_periods() == {32}

@@ -29,13 +29,13 @@ def bars(axes: Axes) -> dict[tuple[str, str], list[tuple[float, float]]]:
     return found
 
 
-@pytest.mark.parametrize(("link", "best_us", "boundary_us"), [(FIVE_WIRE, 50.215, 65), (TWO_WIRE, 70.615, 90)])
+@pytest.mark.parametrize(("link", "best_us", "boundary_us"), [(FIVE_WIRE, 52.715, 65), (TWO_WIRE, 73.115, 90)])
 def test_an_update_takes_the_times_of_the_specification(link: Link, best_us: float, boundary_us: float) -> None:
     """Clause BUD-003; the boundary is the next multiple of 25 µs, less the 60 µs at which the packet began."""
     (axes,) = draw_timeline(one_update(link, BEGINS)).axes
     found = bars(axes)
     assert found["packet", ""][0] == pytest.approx((0, 9.615))
-    assert found["sort", ""][0] == pytest.approx((9.615, 24.615))
+    assert found["sort", ""][0] == pytest.approx((9.615, 27.115))
     assert max(ends for node in range(10) for _, ends in found["rasterise", str(node)]) == pytest.approx(best_us)
     for node in range(10):
         assert len(found["slice", str(node)]) == len(found["commit", str(node)]) == 10 - node
@@ -47,7 +47,7 @@ def test_messages_pass_the_links_one_switch_apart() -> None:
     (axes,) = draw_timeline(one_update(FIVE_WIRE, BEGINS)).axes
     last_slice = [sorted(bars(axes)["slice", str(link)])[-1] for link in range(10)]
     for link, (begins, ends) in enumerate(last_slice):
-        assert begins == pytest.approx(24.615 + 9 * 1.04 + 0.1 * link)
+        assert begins == pytest.approx(27.115 + 9 * 1.04 + 0.1 * link)
         assert ends - begins == pytest.approx(1.04)
 
 

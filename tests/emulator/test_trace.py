@@ -47,12 +47,12 @@ def test_signals_show_the_queue_the_state_and_every_mailbox() -> None:
     arrived = now(emulator)
     emulator.run(4)
     signals = {signal.name: signal.changes for signal in emulator.tracer.signals()}
-    assert signals["controller.queue"] == ((arrived, 1), (arrived + 6000, 0))
+    assert signals["controller.queue"] == ((arrived, 1), (arrived + 7000, 0))
     assert [value for _, value in signals["controller.state"]] == [State.READY, State.PLAYING]
     ones = [signals[f"board{board}.processor{number}.mailbox"] for board in range(5) for number in range(2)]
     assert [[value for _, value in changes] for changes in ones] == [[1, 0]] * 10
     # The slice for processor 9 is the tenth: 520 tokens of 8 cycles, and ten switches of 40.
-    assert ones[9][0] == (arrived + 6000 + 520 * 8 + 400, 1)
+    assert ones[9][0] == (arrived + 7000 + 520 * 8 + 400, 1)
 
 
 def test_every_value_fits_its_signal_while_the_queue_is_full() -> None:

@@ -1,4 +1,4 @@
-# compiled of reference/core/ack.c, sha256 2f1910c13769f7d720dfb77eb91a56df97b1210d3cb8fce3886bda6038c3c5c8
+# compiled of reference/core/ack.c, sha256 94e6764cdf285526197de5249f0eec57f7052e6f265449354e19619fc6c95656
 	.text
 	.file	"ack.c"
 	.globl	pw_ack_put

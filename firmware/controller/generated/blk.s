@@ -1,4 +1,4 @@
-# compiled of reference/core/blk.c, sha256 12cf7e512d323f1663a13b4768994a84316046ccc8c266d9e313c8776e7945c7
+# compiled of reference/core/blk.c, sha256 30b4776d7982df04acdbe577e426de29b8fccfac13f7231bacaa4abd3cad7f3f
 	.text
 	.file	"blk.c"
 	.globl	pw_block_check

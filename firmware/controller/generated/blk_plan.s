@@ -1,4 +1,4 @@
-# compiled of reference/core/blk_plan.c, sha256 a9e10e5364a2f87a6e88ce75546093258da7ffa72fd406ee50dbbf126238f750
+# compiled of reference/core/blk_plan.c, sha256 aa1bede24469513aa75d7fe6f3f9ea963c205816df2fc5c23cffbbbbf2e63361
 	.text
 	.file	"blk_plan.c"
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
@@ -313,7 +313,7 @@ pw_first_period:
 	ldw r1, r4[5]
 	ldw r0, r4[4]
 	ldc r9, 0
-	ldc r2, 79
+	ldc r2, 84
 	ladd r2, r0, r0, r2, r9
 	add r1, r1, r2
 	ldc r2, 50

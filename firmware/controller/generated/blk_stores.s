@@ -1,4 +1,4 @@
-# compiled of reference/core/blk_stores.c, sha256 9ac1d50fe624d547fba646351b9c3acbe8c395bff893697816221cec805da5c8
+# compiled of reference/core/blk_stores.c, sha256 7a911172b698010cff409023d94584c155238babd1b0ef1d833d8f90d67fa12b
 	.text
 	.file	"blk_stores.c"
 	.section	.cp.rodata.cst4,"aMc",@progbits,4

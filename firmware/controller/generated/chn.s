@@ -1,4 +1,4 @@
-# compiled of reference/core/chn.c, sha256 35f188623b6d4f9aa7bea81cd53a03e4e90383384ec21f39267960e8c6f8003f
+# compiled of reference/core/chn.c, sha256 f3918338ab820b948166997a6bf3104d931bdf5aea9b1b1ca7da63b43202bb55
 	.text
 	.file	"chn.c"
 	.globl	pw_slice_put

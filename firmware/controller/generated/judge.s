@@ -1,4 +1,4 @@
-# compiled of firmware/controller/judge.c, sha256 4521f53df711599f25c9e2628330a402a80973af3a146afe471c38ac76eff81a
+# compiled of firmware/controller/judge.c, sha256 b029dee2349ed1737110eafbf77df55081b6666185590c6b92d28066fd6c215f
 	.text
 	.file	"judge.c"
 	.section	.cp.rodata.cst4,"aMc",@progbits,4

@@ -1,4 +1,4 @@
-# compiled of reference/core/num.c, sha256 952266f6b55f0bca50a77624c89991c88b030aa5381c669a36fd3329caeac934
+# compiled of reference/core/num.c, sha256 2a86c497c1ed3844eb3b8989c37844d4594ad622f33f56eef711988522d82a38
 	.text
 	.file	"num.c"
 	.globl	pw_device_block

@@ -1,4 +1,4 @@
-# compiled of firmware/controller/plan.c, sha256 2af9177f72089cdc9a09bfff0f0204bcb7d12236ff64d63c654275aef301acf5
+# compiled of firmware/controller/plan.c, sha256 b9fdf7a02eab0dfbfadeee0250d7924ca972feb4ed20a141f35aa688cf48114d
 	.text
 	.file	"plan.c"
 	.section	.cp.rodata.cst4,"aMc",@progbits,4

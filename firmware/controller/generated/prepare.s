@@ -1,4 +1,4 @@
-# compiled of firmware/controller/prepare.c, sha256 d4ad4062b61ccf26076a26ffe301b55e73877c082dd0d808bc7c326e4bb3040e
+# compiled of firmware/controller/prepare.c, sha256 a31cfa5f10e5e181a1299b6c579cc278b2e2c683985c8a308a589e7ac5669318
 	.text
 	.file	"prepare.c"
 	.globl	prepare

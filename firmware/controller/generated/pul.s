@@ -1,4 +1,4 @@
-# compiled of reference/core/pul.c, sha256 9ef84f8b086d4d4b465675f92b4cb0cf2fab8f53555dd0e4580a6eaaf29c0858
+# compiled of reference/core/pul.c, sha256 5551c082f717b0c7267b035f2943c077d374a3d2d7008c96d62ea3cc99d39f15
 	.text
 	.file	"pul.c"
 	.globl	pw_pulse_get

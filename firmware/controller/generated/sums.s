@@ -1,4 +1,4 @@
-# compiled of reference/core/sums.c, sha256 479742ae2b57a25c436a3a06077a57678152058ddb2d9f6b4c39bb953474bd2f
+# compiled of reference/core/sums.c, sha256 a42427a53142602d46b39ef75fdaaa4b0959401d62b87bb66bcbfee1bc2ddef5
 	.text
 	.file	"sums.c"
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
