@@ -88,6 +88,7 @@ REASONS = {
     "emulator:": OF_A_BUS | {PARTS},
     "emulator:?speed=full": OF_A_BUS,
     "emulator:?link=2wire": OF_A_BUS | {PARTS},
+    "emulator:?firmware=xs1": OF_A_BUS | {PARTS, unmet(Need.FREE_TIME)},
     "emulator:?door=serial": OF_A_UART | {"in N attempts no block came exactly N periods ahead of its change"},
     "emulator:?door=serial&baud=3000000": OF_A_UART,
 }
@@ -127,8 +128,24 @@ def test_no_case_of_a_group_speaks_against_the_emulator(group: str) -> None:
     assert run.count(Verdict.PASS) > len(run.results) / 2
 
 
+EXECUTED = (
+    *("chain", "combinations", "modulation", "outputs", "power", "pulses", "safety", "sequences", "sorting", "states"),
+    *("stores", "successions", "timing"),
+)
+"""Groups about what the processors do, and what depends on it."""
+
+
+@pytest.mark.parametrize(
+    "group", [pytest.param(name, marks=() if name in ("pulses", "sorting") else pytest.mark.slow) for name in EXECUTED]
+)
+def test_no_case_of_a_group_speaks_against_executed_firmware(group: str) -> None:
+    """What `emulator:?firmware=xs1` may not judge is only what takes hours: here a second takes seconds."""
+    run = check_no_case_speaks_against("emulator:?firmware=xs1", (group + "/",))
+    assert run.count(Verdict.PASS) >= len(run.results) - 3
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("url", [url for url in REASONS if url != "emulator:"])
+@pytest.mark.parametrize("url", [url for url in REASONS if url not in ("emulator:", "emulator:?firmware=xs1")])
 def test_no_case_speaks_against_the_emulator_by_another_line(url: str) -> None:
     assert check_no_case_speaks_against(url).count(Verdict.PASS) > (1300 if "serial" not in url else 900)
 
