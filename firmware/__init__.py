@@ -1,1 +1,1 @@
-"""Programs that run on the hardware: the chain processors', and kernels of the controller (SPEC.md, chapters CHN, BUD)."""
+"""Programs for the hardware: that of the chain processors, and kernels of the controller (chapters CHN, BUD)."""

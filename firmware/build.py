@@ -1,7 +1,7 @@
 """Builds the chain processors' program: compile, assemble, link, and check that it fits memory, stacks and threads.
 
-Sources are in `firmware/processor`. The assembly that clang makes of the C is kept beside them, so that a build needs no
-clang; each file names the sources that it was made from and their hash. The built image and its map are kept too.
+Sources are in `firmware/processor`. The assembly that clang makes of the C is kept beside them, so that a build needs
+no clang; each file names the source that it was made from, with a hash. The built image and its map are kept too.
 """
 
 from __future__ import annotations

@@ -164,7 +164,7 @@ static void send(uint32_t end, uint32_t size)
 static void send_report(void)
 {
     lock_take(state_lock);
-    const bool has_begun = told.settled || (int32_t)(timer_now(handle_clock) - told.at) >= 0;
+    const bool has_begun = (int32_t)(timer_now(handle_clock) - told.at) >= 0; /* or before and after are alike */
     const uint32_t carried_out = has_begun ? told.after.carried_out : told.before.carried_out;
     const uint32_t missed = told.missed;
     const uint32_t damaged_messages = damaged + damaged_received + told.damaged;
@@ -198,7 +198,7 @@ static void send_report(void)
 static void send_playing(void)
 {
     lock_take(state_lock);
-    const bool has_begun = told.settled || (int32_t)(timer_now(handle_clock) - told.at) >= 0;
+    const bool has_begun = (int32_t)(timer_now(handle_clock) - told.at) >= 0;
     const struct plays *plays = has_begun ? &told.after : &told.before;
     const uint64_t since = plays->since;
     const uint32_t *slice = plays->slice;
@@ -340,7 +340,6 @@ void handle_begin(void)
     switch_write(number, DIMENSION_DIRECTION, 0);
     switch_write(number, DIMENSION_DIRECTION + 1u, 0);
     switch_write(number, LINK_STATUS + 1u, DOWN_DIRECTION);
-    /* No seed makes a CRC-32 good: without a number all that is not a number is damaged, and is judged by its number. */
 }
 
 /* The handling thread. */

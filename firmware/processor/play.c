@@ -1,9 +1,9 @@
 /* What plays in which period: slices and commits, programs, faults of this processor, silence. Nothing here waits for a
    link, so that silence comes whatever happens to the chain (CHN-018).
 
-   Once a period, at a fixed time before its boundary, `decide` steps the sequence and the modulation, lets begin what
-   waits for this period, and has the table made. A commit or a program is in time if it is dealt with before the
-   decision on its period. */
+   Once a period, at a fixed time before its boundary, `decide` lets begin what waits for this period, steps the sequence
+   and the modulation, and has the table made. A commit or a program is in time if it is dealt with before the decision
+   on its period. */
 #include "processor.h"
 
 #include "hardware.h"
@@ -13,11 +13,11 @@ enum { SEQUENCE_OFF, SEQUENCE_ENDED, SEQUENCE_RUNS };
 #define REPLACES_SEQUENCE (WAITING_COMMIT | WAITING_SEQUENCE)
 #define SILENCING (FAULT_SYNC | FAULT_TEMPERATURE | FAULT_SUPPLY)
 #define SYNC_STEP 16384u /* of the sync port's count of 10 ns, from one pulse to the next, modulo 2^16 (CHN-027) */
+#define GLANCE_TIME 8u
 #define POOL 4u
 /* What is rare or short of nothing but time, so that `decide` saves few registers. */
 #define OUT_OF_LINE __attribute__((noinline))
-#define FIRST_WORDS 2u
-#define LEAST_RENDER_TIME 600u /* there is no point in beginning later before a boundary */
+#define FIRST_WORDS 2u /* of a table, that `raster_begin` makes */
 
 struct program {
     uint64_t period;
@@ -54,7 +54,7 @@ uint32_t unsynced;
 static uint32_t mail_place;
 static uint32_t mail_crc;
 static uint32_t has_mail;
-static uint32_t waiting;  /* what waits for its period */
+static uint32_t waiting; /* what waits for its period */
 static uint32_t commit_came_last;
 static uint64_t commit_period;
 static const uint32_t *commit_slice;
@@ -64,11 +64,12 @@ static struct program waiting_sequence, waiting_modulation;
 static uint64_t decided;
 static uint32_t boundary;
 static uint32_t began;
-static uint32_t stepped; /* the table of the period before would not do, whatever began */
-static uint32_t again;   /* no table was made for it */
-static uint32_t *table; /* that was made last */
-static uint32_t waits_to_decide;
+static uint32_t stepped;   /* the table of the period before would not do, whatever began */
+static uint32_t again;     /* no table was made for it */
+/* The table that was handed over last. There are three, because the port may still play the one before it. */
+static uint32_t *table;
 static uint32_t decide_at; /* the time of the next decision */
+static uint32_t waits_to_decide;
 
 static struct plays now_plays, before_change;
 static struct sequence sequence, sequence_before;
@@ -332,12 +333,12 @@ OUT_OF_LINE static void take_program(const uint32_t *body)
         commit_came_last = false;
     } else if (items != 0u && period == decided + 1u) {
         /* The first modulation needs more time from its first period on. */
-        const uint32_t earlier = boundary + PERIOD_TIME - DECIDE_MODULATED_TIME;
-        if ((int32_t)(timer_now(play_clock) - earlier) >= 0) {
+        const uint32_t then = boundary + PERIOD_TIME;
+        if ((int32_t)(timer_now(play_clock) + BEGIN_MODULATED_TIME - then) >= 0) {
             missed(1);
             return;
         }
-        decide_at = earlier;
+        decide_at = then - DECIDE_MODULATED_TIME; /* which may be at once */
     } else {
         /* The decision before that period sees to it. */
     }
@@ -609,10 +610,11 @@ static void render(void)
         next_table = silent_table;
         return;
     }
-    if ((int32_t)(timer_now(play_clock) + LEAST_RENDER_TIME - boundary) >= 0) {
+    if ((int32_t)(timer_now(play_clock) - boundary) >= 0) { /* by whole periods: those that come after may be in time */
         (void)overrun(false);
         return;
     }
+    uint32_t *const handed_over = table;
     table = table == tables[2] ? tables[0] : table + TICKS;
     const uint8_t *row = modulation.begin != 0 ? &widths[*modulation.at * WIDTHS] : 0;
     const uint32_t levels = raster_begin(now_plays.slice, row, no_edges, table);
@@ -633,6 +635,9 @@ static void render(void)
     }
     MEMORY_FENCE();
     raster_end(no_edges + FIRST_WORDS, table + FIRST_WORDS, levels);
+    if (!plays) {
+        table = handed_over; /* what was made is for nothing, and its place is free as before */
+    }
 }
 
 /* The time of the next decision. Before a boundary from which a modulation plays it is earlier. */
@@ -686,7 +691,7 @@ static void decide(void)
         told.settled = true;
         lock_give(state_lock);
     } else {
-        /* What is told is of long ago, or of a fault that has silenced what was to begin. */
+        /* What is told has begun long ago, or is that of a fault in this period. */
     }
     set_decide_at();
 }
@@ -719,35 +724,50 @@ void play_time(void)
     }
 }
 
-/* The playing thread. */
+/* Something other than time has come. */
+static void take_event(uint32_t event)
+{
+    static const struct message *message = play_ring;
+    switch (event) {
+    case EVENT_MESSAGE:
+        signal_take(play_inbox);
+        play_message(message);
+        message = message->next;
+        signal_send(play_ready);
+        break;
+    case EVENT_STARTED:
+        signal_take(started_to);
+        play_started();
+        break;
+    case EVENT_SYNC:
+        play_sync();
+        break;
+    case EVENT_TEMPERATURE:
+        play_temperature(port_take(temperature_port));
+        break;
+    default:
+        play_supply(port_take(supply_port));
+        break;
+    }
+}
+
+/* The playing thread. Time goes first; but a processor that is too slow for its decisions still takes a message, and
+   whatever else there is, after each. */
 void play(void)
 {
-    const struct message *message = play_ring;
     play_events();
     for (;;) {
-        switch (play_wait(wake())) {
-        case EVENT_TIME:
+        uint32_t event = play_wait(wake());
+        if (event == EVENT_TIME) {
             play_time();
-            break;
-        case EVENT_MESSAGE:
-            signal_take(play_inbox);
-            play_message(message);
-            message = message->next;
-            signal_send(play_ready);
-            break;
-        case EVENT_STARTED:
-            signal_take(started_to);
-            play_started();
-            break;
-        case EVENT_SYNC:
-            play_sync();
-            break;
-        case EVENT_TEMPERATURE:
-            play_temperature(port_take(temperature_port));
-            break;
-        default:
-            play_supply(port_take(supply_port));
-            break;
+            if ((int32_t)(timer_now(play_clock) - decide_at) < 0) {
+                continue;
+            }
+            event = play_wait(timer_now(play_clock) + GLANCE_TIME);
+            if (event == EVENT_TIME) {
+                continue;
+            }
         }
+        take_event(event);
     }
 }

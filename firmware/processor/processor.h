@@ -7,7 +7,8 @@
    play     play.c, raster.s: slices, commits, programs, periods, faults of its own, silence; it never waits for a link
    handle   handle.c: loads, questions and answers, the number, the switch; it may wait for a link
 
-   Every variable is written by one thread only, but for `told`, which a lock guards. */
+   A variable that threads share is written by one of them only, and is a word; a lock guards `told`, which is more.
+   (`heard` is written by two: either value is of the same moment.) */
 #ifndef PW_PROCESSOR_H
 #define PW_PROCESSOR_H
 
@@ -44,12 +45,13 @@ enum { FAULT_CHAIN = 1, FAULT_SYNC = 4, FAULT_TEMPERATURE = 8, FAULT_SUPPLY = 16
 #define SYNC_PERIODS 4096u        /* CHN-026 */
 #define TICK_TIME 50
 
-/* Before a boundary: when it is decided what plays from it on, without and with a modulation; and when the port's thread
-   takes the table, with a margin for what lies between the look at the time and the change of the pointer. The tests of
+/* Before a boundary: when it is decided what plays from it on, without and with a modulation; until when the program of
+   the first modulation is taken, for then it is decided at once; and when the port's thread takes the table, with a margin for what lies between the look at the time and the change of the pointer. The tests of
    the firmware measure how long everything takes. */
 #ifndef DECIDE_TIME
 #define DECIDE_TIME 1074u
 #define DECIDE_MODULATED_TIME 1334u
+#define BEGIN_MODULATED_TIME 1220u
 #endif
 #define HAND_OVER_TIME 70u
 
@@ -79,7 +81,7 @@ extern uint32_t load_crc;          /* CRC after the route header of a load; thes
 extern uint32_t program_crc;       /* after that of a program and a first byte of 0 */
 extern uint32_t collect_crc;       /* likewise of a question */
 extern uint32_t damaged_received;  /* by receive */
-extern uint32_t heard;             /* the time of the last question, by receive */
+extern uint32_t heard;             /* the time of the last question, by receive; by play when it begins anew */
 extern struct message play_ring[PLAY_MESSAGES], handle_ring[HANDLE_MESSAGES];
 extern uint32_t slots[SLOTS][SLICE_WORDS];
 extern uint32_t entries[ENTRIES]; /* slot, and periods << 16 */

@@ -450,11 +450,12 @@ receive:
 # A question. One that asks for something is a sign of life (CHN-018), however long its answer may have to wait.
 .Lcollect:
     get r11, ed
-    ldaw r2, r6[11]
     testct r0, res[r11]
     bt r0, .Lbad
     int r1, res[r11]
     stw r1, r6[0]
+    sub r2, r1, 7           # there are two, 7 and 8: 0 or 1
+    shr r2, r2, 1
     shl r1, r1, 24
     ldw r3, dp[collect_crc]
     xor r3, r3, r1
@@ -462,20 +463,17 @@ receive:
     bt r0, .Lbad
     in r1, res[r11]
     byterev r1, r1
-    stw r1, r6[1]
     crc32 r3, r1, r4
     testct r0, res[r11]
     bf r0, .Lbad
     inct r0, res[r11]
     add r3, r3, r0
+    or r3, r3, r2
     bt r3, .Ldamaged
-    ldw r0, r6[0]
-    sub r0, r0, 7           # the two that there are, 7 and 8
-    shr r0, r0, 1
-    bt r0, .Lcount_damaged
     ldw r0, dp[receive_clock]
     in r0, res[r0]
     stw r0, dp[heard]
+    ldaw r2, r6[11]
     ldc r0, 5
     stw r0, r2[3]
     ldw r6, r2[4]

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-
 from phasewire.firmware.build import load_processor
 from phasewire.protocol.board import CYCLES_PER_MS, CYCLES_PER_PERIOD, CYCLES_PER_TICK, TICKS_PER_PERIOD
 from phasewire.protocol.chain import Collect, Commit, Identity, Load, Message, Number, Playing, Report, Slice, decode

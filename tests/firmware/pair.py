@@ -6,14 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-
 from phasewire.emulator.boards.processor import Processor
 from phasewire.emulator.ports.capture import Capture
 from phasewire.emulator.ports.clock import BoardClock, Timebase
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.emulator.trace import Tracer
 from phasewire.protocol.board import CYCLES_PER_PERIOD, TICKS_PER_PERIOD
-from phasewire.protocol.chain import Message, Number, Playing, Report
+from phasewire.protocol.chain import Collect, Message, Number, Playing, Report
 from phasewire.protocol.codes import ChannelEnd
 from phasewire.protocol.wiring import Wiring
 
@@ -86,8 +85,6 @@ class Pair:
         return self._ask(ChannelEnd.PLAYING, at)  # type: ignore[return-value]
 
     def _ask(self, what: ChannelEnd, at: int) -> tuple[Message, Message]:
-        from phasewire.protocol.chain import Collect
-
         question = Collect(self.bench.number, what)
         arrives = self.bench.bring(question, at)
         self.bench.run(arrives + 8 * 4000)

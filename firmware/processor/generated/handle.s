@@ -1,5 +1,5 @@
 # Made by clang; do not edit.
-# from handle.c and headers, sha256 4b4c6fb31f3ef09642831bad7d461214b2fc1381b5e1f5cfb18d6d26fde255fa
+# from handle.c and headers, sha256 b48fbe5d10b872be28e78c78fc452731f857195f420f82df139196ee0fc86ddc
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
@@ -41,14 +41,14 @@
 	.type	handle_message,@function
 	.cc_top handle_message.function,handle_message
 handle_message:
-	entsp 17
-	stw r4, sp[16]
-	stw r5, sp[15]
-	stw r6, sp[14]
-	stw r7, sp[13]
-	stw r8, sp[12]
-	stw r9, sp[11]
-	stw r10, sp[10]
+	entsp 18
+	stw r4, sp[17]
+	stw r5, sp[16]
+	stw r6, sp[15]
+	stw r7, sp[14]
+	stw r8, sp[13]
+	stw r9, sp[12]
+	stw r10, sp[11]
 	ldw r2, dp[number]
 	ldc r1, 56
 	add r1, r0, r1
@@ -61,7 +61,7 @@ handle_message:
 	ldw r6, r0[0]
 	ldw r1, cp[.LCPI0_0]
 	lsu r1, r6, r1
-	bt r1, .LBB0_57
+	bt r1, .LBB0_56
 	shr r11, r6, 8
 	zext r11, 16
 	shr r3, r6, 24
@@ -73,27 +73,27 @@ handle_message:
 	eq r8, r7, 2
 	bt r8, .LBB0_9
 	eq r0, r7, 1
-	bf r0, .LBB0_57
+	bf r0, .LBB0_56
 	ldw r0, cp[.LCPI0_6]
 	lsu r0, r0, r6
-	bt r0, .LBB0_57
+	bt r0, .LBB0_56
 	mkmsk r0, 8
 	lsu r0, r0, r11
-	bt r0, .LBB0_57
+	bt r0, .LBB0_56
 	ldc r0, 48
 	mul r0, r11, r0
 	ldaw r2, dp[slots]
 	add r0, r0, r2
 	bl slice_copy
-	bu .LBB0_58
+	bu .LBB0_57
 .LBB0_17:
 	ldw r7, cp[.LCPI0_1]
 	lsu r7, r7, r6
-	bt r7, .LBB0_57
+	bt r7, .LBB0_56
 	add r7, r11, r3
 	ldc r8, 4096
 	lsu r7, r8, r7
-	bt r7, .LBB0_57
+	bt r7, .LBB0_56
 	ldc r7, 26
 	shr r7, r6, r7
 	mov r8, r3
@@ -107,11 +107,11 @@ handle_message:
 .LBB0_9:
 	ldw r7, cp[.LCPI0_4]
 	lsu r7, r7, r6
-	bt r7, .LBB0_57
+	bt r7, .LBB0_56
 	add r7, r11, r3
 	ldc r8, 1024
 	lsu r7, r8, r7
-	bt r7, .LBB0_57
+	bt r7, .LBB0_56
 	ldw r7, cp[.LCPI0_5]
 	lsu r6, r7, r6
 	bt r6, .LBB0_15
@@ -135,7 +135,7 @@ handle_message:
 	add r0, r0, 4
 	add r1, r1, 4
 	bt r3, .LBB0_16
-	bu .LBB0_58
+	bu .LBB0_57
 .LBB0_20:
 	ldc r1, 0
 	mov r8, r7
@@ -155,9 +155,9 @@ handle_message:
 	bf r1, .LBB0_26
 .LBB0_32:
 	eq r1, r5, 5
-	bf r1, .LBB0_53
+	bf r1, .LBB0_52
 	eq r1, r2, r4
-	bt r1, .LBB0_53
+	bt r1, .LBB0_52
 	ldw r0, r0[0]
 	ldw r1, dp[time_runs]
 	bt r1, .LBB0_36
@@ -166,21 +166,37 @@ handle_message:
 .LBB0_36:
 	ldw r1, dp[state_lock]
 	in r1, res[r1]
-	ldw r1, dp[told+64]
+	ldw r1, dp[handle_clock]
+	in r11, res[r1]
+	ldw r4, dp[told+32]
 	eq r0, r0, 7
-	bf r0, .LBB0_44
-	bf r1, .LBB0_39
-	mkmsk r11, 1
+	bf r0, .LBB0_41
+	ldw r7, dp[told+36]
+	ldw r0, dp[damaged]
+	ldw r1, dp[damaged_received]
+	add r0, r1, r0
+	ldw r1, dp[told+40]
+	add r8, r0, r1
+	ldw r3, dp[told+44]
+	ldw r1, dp[told+48]
+	ldw r2, dp[told+52]
+	ldw r0, dp[told+60]
+	ldw r6, dp[told+56]
+	ldw r5, dp[state_lock]
+	sub r11, r11, r4
+	ashr r11, r11, 32
+	bt r11, .LBB0_38
+	ldaw r11, dp[told+28]
 	bu .LBB0_40
-.LBB0_53:
+.LBB0_52:
 	eq r1, r5, 6
-	bf r1, .LBB0_57
+	bf r1, .LBB0_56
 	eq r1, r2, r4
-	bf r1, .LBB0_57
+	bf r1, .LBB0_56
 	ldw r0, r0[0]
 	ldc r1, 9
 	lsu r3, r1, r0
-	bt r3, .LBB0_57
+	bt r3, .LBB0_56
 	mov r3, r0
 	zext r3, 1
 	shl r11, r0, 3
@@ -329,34 +345,211 @@ handle_message:
 	ldaw r0, dp[waits_for_link]
 	st8 r2, r0[r1]
 	bl handle_ms
-	bu .LBB0_58
-.LBB0_57:
+	bu .LBB0_57
+.LBB0_56:
 	ldw r0, dp[damaged]
 	add r0, r0, 1
 	stw r0, dp[damaged]
-.LBB0_58:
-	ldw r10, sp[10]
-	ldw r9, sp[11]
-	ldw r8, sp[12]
-	ldw r7, sp[13]
-	ldw r6, sp[14]
-	ldw r5, sp[15]
-	ldw r4, sp[16]
-	retsp 17
-.LBB0_44:
-	bt r1, .LBB0_47
-	ldw r0, dp[handle_clock]
-	in r0, res[r0]
-	ldw r1, dp[told+32]
-	sub r0, r0, r1
+.LBB0_57:
+	ldw r10, sp[11]
+	ldw r9, sp[12]
+	ldw r8, sp[13]
+	ldw r7, sp[14]
+	ldw r6, sp[15]
+	ldw r5, sp[16]
+	ldw r4, sp[17]
+	retsp 18
+.LBB0_41:
+	sub r0, r11, r4
 	ashr r0, r0, 32
-	bt r0, .LBB0_46
+	bt r0, .LBB0_42
+	ldaw r1, dp[told+16]
+	bu .LBB0_44
+.LBB0_38:
+	ldaw r11, dp[told+12]
+.LBB0_40:
+	ldw r10, r11[0]
+	out res[r5], r5
+	ldw r11, dp[told_overruns]
+	eq r11, r1, r11
+	eq r11, r11, 0
+	mov r4, r0
+	zext r4, 8
+	stw r4, sp[5]
+	mov r4, r6
+	zext r4, 8
+	stw r4, sp[10]
+	stw r7, sp[1]
+	add r4, r8, r7
+	add r3, r4, r3
+	ldw r4, dp[told_chain]
+	eq r4, r3, r4
+	eq r4, r4, 0
+	or r2, r2, r4
+	shl r11, r11, 5
+	or r2, r2, r11
+	ldw r11, dp[unsynced]
+	eq r11, r11, 0
+	eq r11, r11, 0
+	shl r11, r11, 2
+	or r4, r2, r11
+	stw r3, dp[told_chain]
+	stw r1, dp[told_overruns]
+	ldw r9, dp[number]
+	ldc r2, 0
+	ldaw r1, dp[answer+4]
+	st8 r9, r1[r2]
+	zext r9, 8
+	mkmsk r3, 1
+	st8 r0, r1[r3]
+	ldc r0, 2
+	st8 r4, r1[r0]
+	mkmsk r5, 2
+	st8 r2, r1[r5]
+	ldaw r11, cp[firmware_version]
+	mov r1, r11
+	ldaw r7, dp[answer+8]
+	mov r0, r7
+	mov r2, r5
+	bl memcpy
+	st8 r6, r7[r5]
+	ldaw r1, dp[answer+12]
+	ldw r11, sp[1]
+	ldc r6, 0
+	st8 r10, r1[r6]
+	shr r7, r10, 8
+	mkmsk r2, 1
+	st8 r7, r1[r2]
+	shr r3, r10, 16
+	stw r3, sp[2]
+	ldc r0, 2
+	st8 r3, r1[r0]
+	shr r3, r10, 24
+	stw r3, sp[4]
+	st8 r3, r1[r5]
+	ldaw r1, dp[answer+16]
+	st8 r11, r1[r6]
+	shr r3, r11, 8
+	stw r3, sp[3]
+	st8 r3, r1[r2]
+	shr r3, r11, 16
+	stw r3, sp[6]
+	st8 r3, r1[r0]
+	shr r3, r11, 24
+	stw r3, sp[7]
+	st8 r3, r1[r5]
+	ldaw r1, dp[answer+20]
+	st8 r8, r1[r6]
+	mov r3, r8
+	shr r6, r3, 8
+	st8 r6, r1[r2]
+	shr r2, r3, 16
+	stw r2, sp[8]
+	st8 r2, r1[r0]
+	mov r8, r0
+	shr r2, r3, 24
+	stw r2, sp[9]
+	st8 r2, r1[r5]
+	ldw r1, cp[.LCPI0_11]
+	stw r1, dp[answer]
+	ldw r2, cp[.LCPI0_8]
+	ldw r1, cp[.LCPI0_9]
+	ldc r0, 0
+	crc8 r1, r5, r0, r2
+	mkmsk r5, 8
+	crc8 r1, r5, r5, r2
+	mkmsk r5, 3
+	crc8 r1, r5, r5, r2
+	crc8 r1, r5, r9, r2
+	ldw r5, sp[5]
+	crc8 r1, r5, r5, r2
+	zext r4, 8
+	crc8 r1, r4, r4, r2
+	mov r5, r0
+	crc8 r1, r4, r5, r2
+	ldaw r0, dp[answer+8]
+	ld8u r4, r0[r5]
+	crc8 r1, r4, r4, r2
+	mkmsk r9, 1
+	ld8u r4, r0[r9]
+	crc8 r1, r4, r4, r2
+	ld8u r4, r0[r8]
+	crc8 r1, r4, r4, r2
+	ldw r4, sp[10]
+	crc8 r1, r4, r4, r2
+	zext r10, 8
+	crc8 r1, r4, r10, r2
+	zext r7, 8
+	crc8 r1, r4, r7, r2
+	ldw r0, sp[2]
+	zext r0, 8
+	crc8 r1, r0, r0, r2
+	ldw r0, sp[4]
+	crc8 r1, r0, r0, r2
+	zext r11, 8
+	crc8 r1, r0, r11, r2
+	ldw r0, sp[3]
+	zext r0, 8
+	crc8 r1, r0, r0, r2
+	ldw r0, sp[6]
+	zext r0, 8
+	crc8 r1, r0, r0, r2
+	ldw r0, sp[7]
+	crc8 r1, r0, r0, r2
+	zext r3, 8
+	crc8 r1, r0, r3, r2
+	zext r6, 8
+	crc8 r1, r0, r6, r2
+	ldw r0, sp[8]
+	zext r0, 8
+	crc8 r1, r0, r0, r2
+	ldw r0, sp[9]
+	crc8 r1, r0, r0, r2
+	crc32 r1, r5, r2
+	not r0, r1
+	stw r0, dp[answer+24]
+	ldw r0, dp[answer_end]
+	ldw r1, cp[.LCPI0_12]
+	setd res[r0], r1
+	ldw r0, dp[answer_end]
+	ldw r1, dp[answer+4]
+	byterev r1, r1
+	out res[r0], r1
+	ldw r0, dp[answer_end]
+	ldw r1, dp[answer+8]
+	byterev r1, r1
+	out res[r0], r1
+	ldw r0, dp[answer_end]
+	ldw r1, dp[answer+12]
+	byterev r1, r1
+	out res[r0], r1
+	ldw r0, dp[answer_end]
+	ldw r1, dp[answer+16]
+	byterev r1, r1
+	out res[r0], r1
+	ldw r0, dp[answer_end]
+	ldw r1, dp[answer+20]
+	byterev r1, r1
+	out res[r0], r1
+	ldw r0, dp[answer_end]
+	ldw r1, dp[answer+24]
+	byterev r1, r1
+	out res[r0], r1
+	ldw r0, dp[answer_end]
+	outct res[r0], r9
+	bu .LBB0_57
+.LBB0_42:
+	ldaw r1, dp[told]
+.LBB0_44:
+	ldw r5, r1[1]
+	ldw r6, r1[0]
+	bt r0, .LBB0_45
+	ldaw r0, dp[told+24]
+	bu .LBB0_47
+.LBB0_45:
+	ldaw r0, dp[told+8]
 .LBB0_47:
-	ldaw r0, dp[told+16]
-.LBB0_48:
-	ldw r5, r0[1]
-	ldw r6, r0[0]
-	ldw r1, r0[2]
+	ldw r1, r0[0]
 	ldw r0, dp[state_lock]
 	out res[r0], r0
 	ldw r11, dp[number]
@@ -366,26 +559,26 @@ handle_message:
 	zext r11, 8
 	mkmsk r0, 1
 	st8 r6, r7[r0]
-	shr r8, r5, 8
 	shr r3, r6, 8
 	ldc r2, 2
 	st8 r3, r7[r2]
-	shr r9, r5, 16
-	shr r10, r6, 16
+	shr r8, r6, 16
 	mkmsk r3, 2
-	st8 r10, r7[r3]
-	shr r7, r5, 24
+	st8 r8, r7[r3]
 	shr r6, r6, 24
-	ldaw r10, dp[answer+8]
-	st8 r6, r10[r4]
-	st8 r5, r10[r0]
-	st8 r8, r10[r2]
-	st8 r9, r10[r3]
+	ldaw r7, dp[answer+8]
+	st8 r6, r7[r4]
+	st8 r5, r7[r0]
+	shr r6, r5, 8
+	st8 r6, r7[r2]
+	shr r6, r5, 16
+	st8 r6, r7[r3]
+	shr r6, r5, 24
 	ldaw r5, dp[answer+12]
-	st8 r7, r5[r4]
+	st8 r6, r5[r4]
 	ldaw r6, dp[answer+16]
 	ldc r7, 48
-.LBB0_49:
+.LBB0_48:
 	add r8, r1, r4
 	ldw r8, r8[0]
 	add r9, r5, r4
@@ -398,7 +591,7 @@ handle_message:
 	st8 r8, r4[r6]
 	add r4, r4, 4
 	eq r8, r4, r7
-	bf r8, .LBB0_49
+	bf r8, .LBB0_48
 	ldw r1, cp[.LCPI0_7]
 	stw r1, dp[answer]
 	ldc r1, 0
@@ -413,12 +606,12 @@ handle_message:
 	ldc r11, 5
 	ldaw r6, dp[answer]
 	ldc r7, 61
-.LBB0_51:
+.LBB0_50:
 	ld8u r8, r11[r6]
 	crc8 r5, r8, r8, r4
 	add r11, r11, 1
 	eq r8, r11, r7
-	bf r8, .LBB0_51
+	bf r8, .LBB0_50
 	crc32 r5, r1, r4
 	not r11, r5
 	ldaw r4, dp[answer+60]
@@ -498,204 +691,7 @@ handle_message:
 	outt res[r3], r1
 	ldw r1, dp[answer_end]
 	outct res[r1], r0
-	bu .LBB0_58
-.LBB0_39:
-	ldw r0, dp[handle_clock]
-	in r0, res[r0]
-	ldw r1, dp[told+32]
-	sub r0, r0, r1
-	ashr r0, r0, 32
-	eq r11, r0, 0
-.LBB0_40:
-	ldw r7, dp[told+36]
-	ldw r0, dp[damaged]
-	ldw r1, dp[damaged_received]
-	add r0, r1, r0
-	ldw r1, dp[told+40]
-	add r8, r0, r1
-	ldw r3, dp[told+44]
-	ldw r1, dp[told+48]
-	ldw r2, dp[told+52]
-	ldw r0, dp[told+60]
-	ldw r6, dp[told+56]
-	ldw r4, dp[state_lock]
-	bt r11, .LBB0_41
-	ldaw r11, dp[told+12]
-	bu .LBB0_43
-.LBB0_41:
-	ldaw r11, dp[told+28]
-.LBB0_43:
-	ldw r10, r11[0]
-	out res[r4], r4
-	ldw r11, dp[told_overruns]
-	eq r11, r1, r11
-	eq r11, r11, 0
-	mov r4, r0
-	zext r4, 8
-	stw r4, sp[4]
-	mov r4, r6
-	zext r4, 8
-	stw r4, sp[9]
-	add r4, r8, r7
-	add r3, r4, r3
-	ldw r4, dp[told_chain]
-	eq r4, r3, r4
-	eq r4, r4, 0
-	or r2, r2, r4
-	shl r11, r11, 5
-	or r2, r2, r11
-	ldw r11, dp[unsynced]
-	eq r11, r11, 0
-	eq r11, r11, 0
-	shl r11, r11, 2
-	or r4, r2, r11
-	stw r3, dp[told_chain]
-	stw r1, dp[told_overruns]
-	ldw r9, dp[number]
-	ldc r2, 0
-	ldaw r1, dp[answer+4]
-	st8 r9, r1[r2]
-	zext r9, 8
-	mkmsk r3, 1
-	st8 r0, r1[r3]
-	ldc r0, 2
-	st8 r4, r1[r0]
-	mkmsk r5, 2
-	st8 r2, r1[r5]
-	ldaw r11, cp[firmware_version]
-	mov r1, r11
-	ldaw r0, dp[answer+8]
-	mov r2, r5
-	bl memcpy
-	ldaw r0, dp[answer+8]
-	st8 r6, r0[r5]
-	ldaw r1, dp[answer+12]
-	ldc r0, 0
-	st8 r10, r1[r0]
-	shr r0, r10, 8
-	stw r0, sp[1]
-	mkmsk r2, 1
-	st8 r0, r1[r2]
-	shr r0, r10, 16
-	stw r0, sp[2]
-	ldc r3, 2
-	st8 r0, r1[r3]
-	shr r11, r10, 24
-	stw r11, sp[3]
-	st8 r11, r1[r5]
-	ldaw r1, dp[answer+16]
-	ldc r3, 0
-	st8 r7, r1[r3]
-	shr r11, r7, 8
-	st8 r11, r1[r2]
-	shr r6, r7, 16
-	stw r6, sp[5]
-	ldc r0, 2
-	st8 r6, r1[r0]
-	shr r6, r7, 24
-	stw r6, sp[6]
-	st8 r6, r1[r5]
-	ldaw r1, dp[answer+20]
-	st8 r8, r1[r3]
-	shr r6, r8, 8
-	st8 r6, r1[r2]
-	shr r2, r8, 16
-	stw r2, sp[7]
-	st8 r2, r1[r0]
-	shr r2, r8, 24
-	stw r2, sp[8]
-	st8 r2, r1[r5]
-	ldw r1, cp[.LCPI0_11]
-	stw r1, dp[answer]
-	ldw r2, cp[.LCPI0_8]
-	ldw r1, cp[.LCPI0_9]
-	crc8 r1, r5, r3, r2
-	mkmsk r5, 8
-	crc8 r1, r5, r5, r2
-	mkmsk r5, 3
-	crc8 r1, r5, r5, r2
-	crc8 r1, r5, r9, r2
-	ldw r5, sp[4]
-	crc8 r1, r5, r5, r2
-	zext r4, 8
-	crc8 r1, r4, r4, r2
-	crc8 r1, r4, r3, r2
-	ldaw r0, dp[answer+8]
-	ld8u r4, r0[r3]
-	mov r5, r3
-	crc8 r1, r4, r4, r2
-	mkmsk r9, 1
-	ld8u r4, r0[r9]
-	crc8 r1, r4, r4, r2
-	ldc r3, 2
-	ld8u r4, r0[r3]
-	crc8 r1, r4, r4, r2
-	ldw r4, sp[9]
-	crc8 r1, r4, r4, r2
-	zext r10, 8
-	crc8 r1, r4, r10, r2
-	ldw r0, sp[1]
-	zext r0, 8
-	crc8 r1, r4, r0, r2
-	ldw r0, sp[2]
-	zext r0, 8
-	crc8 r1, r0, r0, r2
-	ldw r0, sp[3]
-	crc8 r1, r0, r0, r2
-	zext r7, 8
-	crc8 r1, r0, r7, r2
-	zext r11, 8
-	crc8 r1, r0, r11, r2
-	ldw r0, sp[5]
-	zext r0, 8
-	crc8 r1, r0, r0, r2
-	ldw r0, sp[6]
-	crc8 r1, r0, r0, r2
-	zext r8, 8
-	crc8 r1, r0, r8, r2
-	zext r6, 8
-	crc8 r1, r0, r6, r2
-	ldw r0, sp[7]
-	zext r0, 8
-	crc8 r1, r0, r0, r2
-	ldw r0, sp[8]
-	crc8 r1, r0, r0, r2
-	crc32 r1, r5, r2
-	not r0, r1
-	stw r0, dp[answer+24]
-	ldw r0, dp[answer_end]
-	ldw r1, cp[.LCPI0_12]
-	setd res[r0], r1
-	ldw r0, dp[answer_end]
-	ldw r1, dp[answer+4]
-	byterev r1, r1
-	out res[r0], r1
-	ldw r0, dp[answer_end]
-	ldw r1, dp[answer+8]
-	byterev r1, r1
-	out res[r0], r1
-	ldw r0, dp[answer_end]
-	ldw r1, dp[answer+12]
-	byterev r1, r1
-	out res[r0], r1
-	ldw r0, dp[answer_end]
-	ldw r1, dp[answer+16]
-	byterev r1, r1
-	out res[r0], r1
-	ldw r0, dp[answer_end]
-	ldw r1, dp[answer+20]
-	byterev r1, r1
-	out res[r0], r1
-	ldw r0, dp[answer_end]
-	ldw r1, dp[answer+24]
-	byterev r1, r1
-	out res[r0], r1
-	ldw r0, dp[answer_end]
-	outct res[r0], r9
-	bu .LBB0_58
-.LBB0_46:
-	ldaw r0, dp[told]
-	bu .LBB0_48
+	bu .LBB0_57
 .LBB0_26:
 	ldw r1, cp[.LCPI0_2]
 	and r1, r6, r1
@@ -711,11 +707,11 @@ handle_message:
 	add r1, r1, 1
 	add r0, r0, 1
 	bt r3, .LBB0_31
-	bu .LBB0_58
+	bu .LBB0_57
 .LBB0_27:
 	ldw r1, cp[.LCPI0_3]
 	lsu r1, r6, r1
-	bt r1, .LBB0_58
+	bt r1, .LBB0_57
 	ldaw r1, dp[samples]
 	add r1, r11, r1
 	add r0, r0, 4
@@ -726,7 +722,7 @@ handle_message:
 	add r1, r1, 4
 	add r0, r0, 4
 	bt r7, .LBB0_29
-	bu .LBB0_58
+	bu .LBB0_57
 	.cc_bottom handle_message.function
 .Lfunc_end0:
 	.size	handle_message, .Lfunc_end0-handle_message

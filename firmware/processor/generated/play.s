@@ -1,5 +1,5 @@
 # Made by clang; do not edit.
-# from play.c and headers, sha256 2543ee8f91bf2371dcc20849d87f9eddd114dbee1bf41838205fc486b41ad922
+# from play.c and headers, sha256 30dcf4f35717701dc7d66fe3ff85e1599c89cf1aea233f2ae326529e4c8b6d61
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
@@ -389,6 +389,11 @@ damaged:
 .Lfunc_end7:
 	.size	damaged, .Lfunc_end7-damaged
 
+	.section	.cp.rodata.cst4,"aMc",@progbits,4
+	.p2align	2
+.LCPI8_0:
+	.long	4294966016
+	.text
 	.p2align	2
 	.type	take_program,@function
 	.cc_top take_program.function,take_program
@@ -516,13 +521,15 @@ take_program:
 	or r6, r7, r6
 	bt r6, .LBB8_27
 	ldw r4, dp[boundary]
-	ldc r6, 1166
-	add r4, r4, r6
 	ldw r6, dp[play_clock]
 	in r6, res[r6]
 	sub r6, r6, r4
+	ldw r7, cp[.LCPI8_0]
+	add r6, r6, r7
 	ashr r6, r6, 32
 	bf r6, .LBB8_18
+	ldc r6, 1166
+	add r4, r4, r6
 	stw r4, dp[decide_at]
 	ldw r4, dp[waiting]
 	bu .LBB8_27
@@ -621,7 +628,7 @@ play_time:
 	ashr r1, r1, 32
 	bt r1, .LBB10_68
 	ldw r1, dp[time_runs]
-	bf r1, .LBB10_43
+	bf r1, .LBB10_41
 	bl be_alone
 	bu .LBB10_68
 .LBB10_9:
@@ -747,7 +754,7 @@ play_time:
 .LBB10_34:
 	ldw r0, dp[stepped]
 	or r0, r0, r4
-	bf r0, .LBB10_39
+	bf r0, .LBB10_54
 .LBB10_35:
 	ldw r0, dp[now_plays.1]
 	ldaw r11, cp[silence]
@@ -757,13 +764,11 @@ play_time:
 	in r0, res[r0]
 	ldw r1, dp[boundary]
 	sub r0, r0, r1
-	ldc r1, 600
-	add r0, r0, r1
 	ashr r0, r0, 32
-	bt r0, .LBB10_41
+	bt r0, .LBB10_39
 	ldc r0, 0
 	bl overrun
-	bt r6, .LBB10_40
+	bt r6, .LBB10_55
 .LBB10_57:
 	ldw r0, dp[told+64]
 	bt r0, .LBB10_60
@@ -789,9 +794,97 @@ play_time:
 .LBB10_38:
 	ldaw r0, dp[silent_table]
 	stw r0, dp[next_table]
+	bt r6, .LBB10_55
+	bu .LBB10_57
 .LBB10_39:
+	ldw r7, dp[table]
+	ldaw r0, dp[tables+400]
+	eq r0, r7, r0
+	bt r0, .LBB10_42
+	ldc r0, 200
+	add r3, r7, r0
+	bu .LBB10_43
+.LBB10_41:
+	ldw r1, cp[.LCPI10_2]
+	add r0, r0, r1
+	stw r0, dp[heard]
+	bu .LBB10_68
+.LBB10_42:
+	ldaw r3, dp[tables]
+.LBB10_43:
+	stw r3, dp[table]
+	ldw r0, dp[modulation.0]
+	bf r0, .LBB10_45
+	ldw r0, dp[modulation.2]
+	ldc r1, 0
+	ld8u r0, r0[r1]
+	ldc r1, 26
+	mul r0, r0, r1
+	ldaw r1, dp[widths]
+	add r1, r0, r1
+	bu .LBB10_46
+.LBB10_45:
+	ldc r1, 0
+.LBB10_46:
+	ldw r0, dp[now_plays.1]
+	ldaw r2, dp[no_edges]
+	bl raster_begin
+	mov r4, r0
+	ldw r0, dp[temperature_port]
+	peek r0, res[r0]
+	zext r0, 8
+	ldw r1, dp[told+60]
+	eq r1, r0, r1
+	bt r1, .LBB10_48
+	shl r1, r0, 24
+	ldw r2, dp[temperature_port]
+	setd res[r2], r0
+	stw r0, dp[told+60]
+	ldw r0, cp[.LCPI10_0]
+	lss r1, r0, r1
+	ldc r0, 8
+	bl set_fault
+.LBB10_48:
+	ldw r0, dp[supply_port]
+	peek r0, res[r0]
+	ldw r1, dp[told+52]
+	shr r1, r1, 4
+	xor r1, r1, r0
+	zext r1, 1
+	bt r1, .LBB10_50
+	ldw r1, dp[supply_port]
+	zext r0, 1
+	setd res[r1], r0
+	eq r1, r0, 0
+	ldc r0, 16
+	bl set_fault
+.LBB10_50:
+	ldw r0, dp[now_plays.1]
+	ldaw r11, cp[silence]
+	eq r0, r0, r11
+	bt r0, .LBB10_56
+	ldw r0, dp[play_clock]
+	in r0, res[r0]
+	ldw r1, dp[boundary]
+	sub r0, r0, r1
+	ldc r1, 70
+	add r0, r0, r1
+	ashr r0, r0, 32
+	bt r0, .LBB10_53
+	mkmsk r0, 1
+	bl overrun
+	bf r0, .LBB10_56
+.LBB10_53:
+	ldw r0, dp[table]
+	stw r0, dp[next_table]
+	ldw r0, dp[table]
+	add r1, r0, 8
+	ldaw r0, dp[no_edges+8]
+	mov r2, r4
+	bl raster_end
+.LBB10_54:
 	bf r6, .LBB10_57
-.LBB10_40:
+.LBB10_55:
 	ldw r0, dp[boundary]
 	bl tell
 .LBB10_60:
@@ -831,94 +924,14 @@ play_time:
 	ldw r5, sp[3]
 	ldw r4, sp[4]
 	retsp 5
-.LBB10_41:
-	ldw r0, dp[table]
-	ldaw r1, dp[tables+400]
-	eq r1, r0, r1
-	bt r1, .LBB10_44
-	ldc r1, 200
-	add r3, r0, r1
-	bu .LBB10_45
-.LBB10_43:
-	ldw r1, cp[.LCPI10_2]
-	add r0, r0, r1
-	stw r0, dp[heard]
-	bu .LBB10_68
-.LBB10_44:
-	ldaw r3, dp[tables]
-.LBB10_45:
-	stw r3, dp[table]
-	ldw r0, dp[modulation.0]
-	bf r0, .LBB10_47
-	ldw r0, dp[modulation.2]
-	ldc r1, 0
-	ld8u r0, r0[r1]
-	ldc r1, 26
-	mul r0, r0, r1
-	ldaw r1, dp[widths]
-	add r1, r0, r1
-	bu .LBB10_48
-.LBB10_47:
-	ldc r1, 0
-.LBB10_48:
-	ldw r0, dp[now_plays.1]
-	ldaw r2, dp[no_edges]
-	bl raster_begin
-	mov r4, r0
-	ldw r0, dp[temperature_port]
-	peek r0, res[r0]
-	zext r0, 8
-	ldw r1, dp[told+60]
-	eq r1, r0, r1
-	bt r1, .LBB10_50
-	shl r1, r0, 24
-	ldw r2, dp[temperature_port]
-	setd res[r2], r0
-	stw r0, dp[told+60]
-	ldw r0, cp[.LCPI10_0]
-	lss r1, r0, r1
-	ldc r0, 8
-	bl set_fault
-.LBB10_50:
-	ldw r0, dp[supply_port]
-	peek r0, res[r0]
-	ldw r1, dp[told+52]
-	shr r1, r1, 4
-	xor r1, r1, r0
-	zext r1, 1
-	bt r1, .LBB10_52
-	ldw r1, dp[supply_port]
-	zext r0, 1
-	setd res[r1], r0
-	eq r1, r0, 0
-	ldc r0, 16
-	bl set_fault
-.LBB10_52:
-	ldw r0, dp[now_plays.1]
-	ldaw r11, cp[silence]
-	eq r0, r0, r11
-	bt r0, .LBB10_56
-	ldw r0, dp[play_clock]
-	in r0, res[r0]
-	ldw r1, dp[boundary]
-	sub r0, r0, r1
-	ldc r1, 70
-	add r0, r0, r1
-	ashr r0, r0, 32
-	bt r0, .LBB10_55
-	mkmsk r0, 1
-	bl overrun
-	bf r0, .LBB10_56
-.LBB10_55:
-	ldw r0, dp[table]
-	stw r0, dp[next_table]
 .LBB10_56:
 	ldw r0, dp[table]
 	add r1, r0, 8
 	ldaw r0, dp[no_edges+8]
 	mov r2, r4
 	bl raster_end
-	bt r6, .LBB10_40
+	stw r7, dp[table]
+	bt r6, .LBB10_55
 	bu .LBB10_57
 	.cc_bottom play_time.function
 .Lfunc_end10:
@@ -980,15 +993,15 @@ play:
 	stw r9, sp[2]
 	stw r10, sp[1]
 	bl play_events
-	ldaw r4, dp[play_ring]
-	ldw r9, cp[.LCPI12_0]
-	ldc r10, 0
-	ldc r5, 4
-	ldaw r6, dp[sync_came]
-	mkmsk r7, 1
-	ldc r8, 8
+	ldw r8, cp[.LCPI12_0]
+	ldc r9, 0
+	mkmsk r10, 2
+	ldaw r4, dp[sync_came]
+	mkmsk r5, 1
+	ldc r6, 4
+	ldc r7, 8
 	bu .LBB12_1
-.LBB12_16:
+.LBB12_18:
 	ldw r0, dp[temperature_port]
 	in r0, res[r0]
 	shl r1, r0, 24
@@ -998,52 +1011,58 @@ play:
 	stw r0, dp[told+60]
 	ldw r0, cp[.LCPI12_1]
 	lss r1, r0, r1
-	mov r0, r8
+	mov r0, r7
 	bl set_fault
 .LBB12_1:
 	ldw r0, dp[heard]
-	add r1, r0, r9
+	add r1, r0, r8
 	ldw r0, dp[time_runs]
 	eq r0, r0, 0
 	eq r2, r0, 0
 	ldw r0, dp[decide_at]
 	sub r3, r1, r0
-	lss r3, r10, r3
+	lss r3, r9, r3
 	and r2, r2, r3
 	stw r2, dp[waits_to_decide]
 	bt r2, .LBB12_3
 	mov r0, r1
 .LBB12_3:
 	bl play_wait
-	lsu r1, r5, r0
-	bt r1, .LBB12_17
-	bru r0
-	.jmptable .LBB12_5,.LBB12_6,.LBB12_7,.LBB12_9,.LBB12_16
-.LBB12_5:
-	bl play_time
-	bu .LBB12_1
-.LBB12_17:
-	ldw r0, dp[supply_port]
-	in r0, res[r0]
-	ldw r1, dp[supply_port]
-	zext r0, 1
-	setd res[r1], r0
-	eq r1, r0, 0
-	ldc r0, 16
-	bl set_fault
-	bu .LBB12_1
+	bf r0, .LBB12_4
 .LBB12_6:
+	sub r0, r0, 1
+	lsu r1, r10, r0
+	bt r1, .LBB12_19
+	bru r0
+	.jmptable .LBB12_8,.LBB12_9,.LBB12_11,.LBB12_18
+.LBB12_8:
 	ldw r0, dp[play_inbox]
 	chkct res[r0], 1
-	mov r0, r4
+	ldw r0, dp[take_event.message]
 	bl play_message
-	ldc r0, 60
-	add r0, r4, r0
-	ldw r4, r0[0]
+	ldw r0, dp[take_event.message]
+	ldc r1, 60
+	add r0, r0, r1
+	ldw r0, r0[0]
+	stw r0, dp[take_event.message]
 	ldw r0, dp[play_ready]
 	outct res[r0], 1
 	bu .LBB12_1
-.LBB12_7:
+.LBB12_4:
+	bl play_time
+	ldw r0, dp[play_clock]
+	in r0, res[r0]
+	ldw r1, dp[decide_at]
+	sub r0, r0, r1
+	ashr r0, r0, 32
+	bt r0, .LBB12_1
+	ldw r0, dp[play_clock]
+	in r0, res[r0]
+	add r0, r0, 8
+	bl play_wait
+	bt r0, .LBB12_6
+	bu .LBB12_1
+.LBB12_9:
 	ldw r0, dp[started_to]
 	chkct res[r0], 1
 	ldw r0, dp[first_time]
@@ -1051,25 +1070,25 @@ play:
 	ldw r1, dp[first_stamp]
 	stw r1, dp[sync_stamp]
 	stw r0, dp[boundary]
-	st8 r7, r6[r10]
-	stw r7, dp[time_runs]
+	st8 r5, r4[r9]
+	stw r5, dp[time_runs]
 	stw r0, dp[told+32]
 	ldc r1, 1426
 	add r0, r0, r1
 	stw r0, dp[decide_at]
 	ldw r0, dp[sync_port]
-	setd res[r0], r7
+	setd res[r0], r5
 	ldw r0, dp[unsynced]
-	bt r0, .LBB12_8
+	bt r0, .LBB12_10
 	bu .LBB12_1
-.LBB12_9:
+.LBB12_11:
 	ldw r0, dp[sync_port]
 	in r0, res[r0]
 	ldw r0, dp[sync_port]
 	getts r0, res[r0]
 	ldw r1, dp[sync_port]
 	edu res[r1]
-	st8 r7, r6[r10]
+	st8 r5, r4[r9]
 	ldw r1, dp[sync_stamp]
 	sub r1, r0, r1
 	shl r1, r1, 16
@@ -1080,11 +1099,11 @@ play:
 	add r1, r1, r2
 	stw r1, dp[sync_offset]
 	stw r0, dp[sync_stamp]
-	bf r1, .LBB12_10
+	bf r1, .LBB12_12
 	ldw r0, cp[.LCPI12_3]
 	add r0, r1, r0
-	mov r2, r10
-	mov r3, r10
+	mov r2, r9
+	mov r3, r9
 	ldw r11, cp[.LCPI12_4]
 	maccs r2, r3, r0, r11
 	mkmsk r0, 5
@@ -1097,24 +1116,34 @@ play:
 	in r2, res[r2]
 	ldc r2, 6324
 	lss r2, r2, r1
-	bt r2, .LBB12_12
+	bt r2, .LBB12_14
 	ldw r2, cp[.LCPI12_6]
 	lss r3, r1, r2
 	mov r1, r0
 	ldw r2, cp[.LCPI12_7]
-	bf r3, .LBB12_14
-	bu .LBB12_15
-.LBB12_10:
+	bf r3, .LBB12_16
+	bu .LBB12_17
+.LBB12_19:
+	ldw r0, dp[supply_port]
+	in r0, res[r0]
+	ldw r1, dp[supply_port]
+	zext r0, 1
+	setd res[r1], r0
+	eq r1, r0, 0
+	ldc r0, 16
+	bl set_fault
+	bu .LBB12_1
+.LBB12_12:
 	ldw r0, dp[state_lock]
 	in r0, res[r0]
-	mov r1, r10
-	mov r0, r10
-	bu .LBB12_14
-.LBB12_12:
-	mkmsk r1, 7
+	mov r1, r9
+	mov r0, r9
+	bu .LBB12_16
 .LBB12_14:
+	mkmsk r1, 7
+.LBB12_16:
 	mov r2, r1
-.LBB12_15:
+.LBB12_17:
 	stw r2, dp[told+56]
 	ldw r1, dp[state_lock]
 	out res[r1], r1
@@ -1122,9 +1151,9 @@ play:
 	ldw r1, cp[.LCPI12_8]
 	lsu r0, r1, r0
 	bt r0, .LBB12_1
-.LBB12_8:
-	mov r0, r5
-	mov r1, r7
+.LBB12_10:
+	mov r0, r6
+	mov r1, r5
 	bl set_fault
 	bu .LBB12_1
 	.cc_bottom play.function
@@ -2091,5 +2120,13 @@ modulation_before.3:
 modulation_before.4:
 	.long	0
 	.cc_bottom modulation_before.4.data
+	.section	.dp.data,"awd",@progbits
+	.cc_top take_event.message.data,take_event.message
+	.p2align	2
+	.type	take_event.message,@object
+	.size	take_event.message, 4
+take_event.message:
+	.long	play_ring
+	.cc_bottom take_event.message.data
 	.ident	"Debian clang version 14.0.6"
 	.section	".note.GNU-stack","",@progbits

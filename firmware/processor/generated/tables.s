@@ -1,5 +1,5 @@
 # Made by clang; do not edit.
-# from tables.c and headers, sha256 6b3a5c1fa79e2b2b5de1ae8dce152016f15fee4ec0c1cab853c110518b0f7ca5
+# from tables.c and headers, sha256 2961267027a30d1443fdb5e4d51dccea0d7afb2224a1ddcef9d60aa4ac2a5e4f
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
