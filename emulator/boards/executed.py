@@ -145,22 +145,22 @@ class ExecutedProcessor(Package):
             and all.
         """
         taken = with_end(tokens[:-1]) if ends else np.frombuffer(tokens, np.uint8).astype(np.uint16)
-        cycles = arrives - np.arange(len(taken) - 1, -1, -1) * self._link.cycles_per_token
         end = self._open_end
         if end is None:
             if len(taken) < ROUTE_TOKENS:
                 return
-            end, taken, cycles = int(taken[ROUTE_TOKENS - 1]), taken[ROUTE_TOKENS:], cycles[ROUTE_TOKENS:]
+            end, taken = int(taken[ROUTE_TOKENS - 1]), taken[ROUTE_TOKENS:]
         self._open_end = None if ends else end
-        self.deliver(end, taken, cycles)
+        if len(taken):
+            self.deliver(end, taken, arrives)
 
-    def deliver(self, channel_end: int, tokens: NDArray[np.uint16], cycles: NDArray[np.int64]) -> None:
-        """Let tokens reach a channel end, each at its core cycle."""
+    def deliver(self, channel_end: int, tokens: NDArray[np.uint16], arrives: int) -> None:
+        """Let tokens, without a route header, reach a channel end, the last of them at a core cycle."""
         if self.stopped:
             return
         if not self.clock.exact:
-            cycles = cycles + (self._own(self._scheduler.now) - self._scheduler.now)
-        self.core.deliver(channel_end, tokens, cycles)
+            arrives += self._own(self._scheduler.now) - self._scheduler.now
+        self.core.deliver_evenly(channel_end, tokens, arrives, self._link.cycles_per_token)
         self._waiting_tokens += len(tokens)
         if self._waiting_tokens > MOST_WAITING_TOKENS:
             self.execute()

@@ -9,10 +9,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ...protocol.board import CYCLES_PER_MS, PROCESSORS
 from ...protocol.chain import SLICE_BYTES, Collect, Commit, Identity, Message, Number, Playing, Report, Slice
@@ -88,15 +84,14 @@ class ExecutedChain(Chain):
 
     def _bring_update(self, period: int, packed: bytes, arrives: list[int]) -> None:
         """Bring slices and commits that arrive whole, each at a core cycle, in the order of their sending."""
-        named, token = period.to_bytes(8, "little"), self.link.cycles_per_token
+        named = period.to_bytes(8, "little")
         for processor, slice_arrives, commit_arrives in zip(
             self._executed, arrives[:PROCESSORS], arrives[PROCESSORS:], strict=True
         ):
             piece = packed[processor.place * SLICE_BYTES : (processor.place + 1) * SLICE_BYTES]
             checksum = zlib.crc32(named, zlib.crc32(piece)).to_bytes(4, "little")
-            processor.deliver(ChannelEnd.SLICE, with_end(piece), slice_arrives + _before_end(SLICE_BYTES, token))
-            body = named + checksum
-            processor.deliver(ChannelEnd.COMMIT, with_end(body), commit_arrives + _before_end(len(body), token))
+            processor.deliver(ChannelEnd.SLICE, with_end(piece), slice_arrives)
+            processor.deliver(ChannelEnd.COMMIT, with_end(named + checksum), commit_arrives)
 
     def _bring(self, passage: Passage, message: Message, passing: Passing) -> None:
         assert passage.arrives is not None
@@ -122,9 +117,3 @@ class ExecutedChain(Chain):
             self._pass_up(place, tokens, begins)
         if not answers and now < until and not processor.stopped:
             self._look(place, asked, now + step, step, until)
-
-
-@cache
-def _before_end(body_bytes: int, cycles_per_token: int) -> NDArray[np.int64]:
-    """When the tokens of a body and of END arrive, against the last."""
-    return np.arange(-body_bytes, 1) * cycles_per_token
