@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
+from .inbox import enqueue
 from .instructions import BY_NAME
 from .kernels import run
-from .predecoding import predecode
 from .names import port_name
+from .predecoding import predecode
 from .resources import find
 from .state import (
     AHEAD,
@@ -143,10 +144,20 @@ EXCEPTIONS = (
 """Names of the types of exceptions."""
 
 _REASONS = {
-    FOR_EVENT: "an event", FOR_TIME: "a time", FOR_TOKEN: "a token", FOR_WORD: "a word", FOR_CLAIM: "the end of a packet",
-    FOR_ROOM: "room", FOR_LINK: "its link", FOR_LOCK: "a lock", FOR_OUTPUT: "an output", FOR_INPUT: "an input",
-    FOR_DRAIN: "the end of its outputs", FOR_THREADS: "other threads", FOR_JOIN: "other threads to end",
-}  # fmt: skip
+    FOR_EVENT: "an event",
+    FOR_TIME: "a time",
+    FOR_TOKEN: "a token",
+    FOR_WORD: "a word",
+    FOR_CLAIM: "the end of a packet",
+    FOR_ROOM: "room",
+    FOR_LINK: "its link",
+    FOR_LOCK: "a lock",
+    FOR_OUTPUT: "an output",
+    FOR_INPUT: "an input",
+    FOR_DRAIN: "the end of its outputs",
+    FOR_THREADS: "other threads",
+    FOR_JOIN: "other threads to end",
+}
 _STATES = {FREE: "free", RUNNING: "running", PAUSED: "paused", STOPPED: "stopped", TRAPPED: "trapped"}
 
 _IN_WORDS = codes(
@@ -169,6 +180,9 @@ class Stop(Enum):
     MESSAGE = MESSAGE
     TRAPPED = UNHANDLED
     LOG_FULL = LOG_FULL
+
+
+_STOPS = {stop.value: stop for stop in Stop}
 
 
 class Sent(NamedTuple):
@@ -268,7 +282,9 @@ class Core:
     start : int
         The first cycle.
     run_ahead : int
-        Without lockstep, cycles by which a thread may be ahead of the others.
+        Without lockstep, cycles by which a thread may be ahead of the others. So much later may a change of memory be
+        seen that is not synchronised; and when a fifth thread starts, with which the core goes in lockstep, the others
+        may already be so far.
     profile : bool
         Count how many times each instruction is executed.
 
@@ -394,7 +410,6 @@ class Core:
             (`trap`): its thread stays where it is, and the others may go on; LOG_FULL, if `port_log` must be called.
         """
         s = self._state
-        self._look_again()
         while True:
             result = run(
                 s, self._registers, *self._views, self._code, self._marks, self._processor, self._inbox, self._outbox,
@@ -407,14 +422,7 @@ class Core:
             self._collect(int(s[MESSAGE_OF]))
         elif result == UNHANDLED:
             self.trap = Trap(*(int(s[field]) for field in (FAULT_THREAD, FAULT, FAULT_DATA, FAULT_PC, FAULT_CYCLE)))
-        return Stop(result)
-
-    def _look_again(self) -> None:
-        """Let paused threads see what has come from outside since."""
-        s = self._state
-        paused = s[STATE : STATE + THREADS] == PAUSED
-        ready = s[READY : READY + THREADS]
-        ready[paused] = np.minimum(ready[paused], s[CYCLE] + 1)
+        return _STOPS[result]
 
     def _collect(self, channel_end: int) -> None:
         row = self._state[CHANNEL + channel_end * CHANNEL_ROW :][:CHANNEL_ROW]
@@ -462,6 +470,27 @@ class Core:
         self._inbox[channel_end, end : end + given.size] = times << 16 | given & 0x1FF
         row[INBOX_END] = end + given.size
 
+    def deliver_evenly(self, channel_end: int, tokens: NDArray[np.uint16], last: int, step: int) -> None:
+        """Give tokens that come one after the other from a link, fast.
+
+        Parameters
+        ----------
+        channel_end, tokens
+            As for `deliver`.
+        last : int
+            When the last of them is at the channel end.
+        step : int
+            Cycles from one to the next.
+
+        Raises
+        ------
+        ValueError
+            As `deliver`.
+        """
+        count = len(tokens)
+        if enqueue(self._state, self._inbox, int(channel_end), tokens, int(last) - (count - 1) * step, step) != count:
+            self.deliver(channel_end, tokens, last - np.arange(count - 1, -1, -1) * step)
+
     def take_messages(self) -> list[Sent]:
         """Messages to other nodes and to switches that are complete; each is returned once."""
         messages, self._messages = self._messages, []
@@ -475,7 +504,7 @@ class Core:
         port : int
             Identifier.
         cycle : int
-            From when on: after `cycle`, and not before what was driven earlier.
+            The first cycle with this value: after `cycle`, and not before what was driven earlier.
         value : int
 
         Raises
@@ -524,7 +553,8 @@ class Core:
         number, count = self._port(port), int(self._state[LOGGED])
         if count:
             rows = self._log[:count]
-            for other in np.unique(rows[:, 0]):
+            others = [number] if (rows[:, 0] == number).all() else np.unique(rows[:, 0])
+            for other in others:
                 self._changes.setdefault(int(other), []).append(rows[rows[:, 0] == other, 1:])
             self._state[LOGGED] = 0
         parts = self._changes.pop(number, [])

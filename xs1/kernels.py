@@ -59,6 +59,7 @@ from .state import (
     OUTSIDE_RAM,
     OWNER,
     PAUSE,
+    PAUSED,
     PC,
     PESSIMISTIC,
     PORT,
@@ -236,6 +237,9 @@ def run(
     stop = REACHED
     full = log.shape[0] - LOG_MARGIN
     cycle = until
+    for t in range(THREADS):
+        if s[STATE + t] == PAUSED:  # something may have come from outside
+            s[READY + t] = min(s[READY + t], s[CYCLE] + 1)
     while True:
         t, now, other = 0, s[READY], NEVER
         for u in range(1, THREADS):

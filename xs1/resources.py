@@ -117,8 +117,8 @@ from .state import (
 )
 
 __all__ = [
-    "disable", "due_event", "enable", "enter", "find", "free_thread", "is_drained", "own", "pause", "settle", "signed", "slot",
-    "take_event", "timer_after", "wake",
+    "disable", "due_event", "enable", "enter", "find", "find_port", "free_thread", "is_drained", "own", "pause",
+    "settle", "signed", "slot", "take_event", "timer_after", "wake",
 ]  # fmt: skip
 
 

@@ -38,7 +38,8 @@ def clocked(port: int, divide: int, clock: int = CLOCK_1, *, port_in: str = "r4"
 
 
 def image(text: str) -> bytes:
-    return assemble([Source("test.s", text)]).image
+    """Assemble; instructions may also be separated by semicolons."""
+    return assemble([Source("test.s", text.replace("; ", "\n"))]).image
 
 
 def core(text: str, *registers: int, **options: Any) -> Core:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -31,8 +32,9 @@ def quotient(a: int, b: int) -> int:
 def extended(value: int, bits: int, signs: bool) -> int:
     if not 0 < bits < 32:
         return value
-    low = value % 2**bits
-    return low - 2**bits if signs and low >= 2 ** (bits - 1) else low
+    size = 1 << bits
+    low = value % size
+    return low - size if signs and low >= size // 2 else low
 
 
 def crc(checksum: int, data: int, bits: int, polynomial: int) -> int:
@@ -45,7 +47,7 @@ def crc(checksum: int, data: int, bits: int, polynomial: int) -> int:
 
 
 # For each instruction: its text, and (r6, r7) after it from r1 to r7
-TWO = {
+TWO: dict[str, Callable[[int, int], int]] = {
     "add r6, r1, r2": lambda a, b: a + b,
     "add r6, r1, 11": lambda a, b: a + 11,
     "sub r6, r1, r2": lambda a, b: a - b,
@@ -86,7 +88,7 @@ TWO = {
     "ldc r6, 63": lambda a, b: 63,
     "ldc r6, 65535": lambda a, b: 65535,
 }
-CHANGING = {
+CHANGING: dict[str, Callable[[int, int, int], int]] = {
     "andnot r6, r1": lambda r6, a, b: r6 & (WORD - a),
     "sext r6, r1": lambda r6, a, b: extended(r6, a, True),
     "zext r6, r1": lambda r6, a, b: extended(r6, a, False),
@@ -97,13 +99,13 @@ CHANGING = {
     "zext r6, 32": lambda r6, a, b: r6,
     "crc32 r6, r1, r2": lambda r6, a, b: crc(r6, a, 32, b),
 }
-DIVIDING = {
+DIVIDING: dict[str, Callable[[int, int], int]] = {
     "divu r6, r1, r2": lambda a, b: a // b,
     "remu r6, r1, r2": lambda a, b: a % b,
     "divs r6, r1, r2": lambda a, b: quotient(signed(a), signed(b)),
     "rems r6, r1, r2": lambda a, b: signed(a) - quotient(signed(a), signed(b)) * signed(b),
 }
-LONG = {
+LONG: dict[str, Callable[..., tuple[int, int]]] = {
     "ladd r7, r6, r1, r2, r3": lambda r1, r2, r3, r4, r5, r6, r7: (r1 + r2 + r3 % 2, (r1 + r2 + r3 % 2) >> 32),
     "lsub r7, r6, r1, r2, r3": lambda r1, r2, r3, r4, r5, r6, r7: (r1 - r2 - r3 % 2, r1 - r2 - r3 % 2 < 0),
     "lmul r7, r6, r1, r2, r3, r4": lambda r1, r2, r3, r4, r5, r6, r7: (x := r1 * r2 + r3 + r4, x >> 32),
@@ -519,6 +521,20 @@ def test_code_that_changes(lockstep: bool) -> None:
         0, 0, int.from_bytes(other[2:4], "little"), 0x10000, 1, lockstep=lockstep,
     )  # fmt: skip
     assert len(long) == 4
+    assert made.registers(0)[0] == 1001
+    made = execute(  # the same, with halves in two words
+        """
+    again:
+        add r5, r5, 1
+        ldc r0, 1000
+        bt r1, out
+        ldc r1, 1
+        st16 r2, r3[r4]
+        bu again
+    out:
+        """,
+        0, 0, int.from_bytes(other[2:4], "little"), 0x10000, 2, lockstep=lockstep,
+    )  # fmt: skip
     assert made.registers(0)[0] == 1001
 
 

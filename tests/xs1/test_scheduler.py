@@ -102,12 +102,18 @@ def test_divisions_take_32_times_as_long() -> None:
 # Random programs. All threads follow one script in its order, so that they cannot wait for each other in a circle.
 
 
+ARITHMETIC = (
+    "add", "sub", "shl", "shr", "eq", "and", "or", "lss", "lsu", "xor", "ashr", "mul", "crc32", "addi", "subi", "shli",
+    "ashri", "zexti", "sexti", "not", "neg", "mkmsk", "clz", "bitrev", "ldc", "ldawi", "ladd", "lmul", "maccu", "stack",
+    "load",
+)  # fmt: skip
+
+
 def arithmetic(rng: random.Random) -> str:
     """An instruction on r0 to r6 that has no exception."""
     a, b, c = (f"r{rng.randrange(7)}" for _ in range(3))
     small, bits = rng.randrange(12), rng.choice([1, 2, 3, 4, 5, 6, 7, 8, 16, 24, 32])
-    name = rng.choice("add sub shl shr eq and or lss lsu xor ashr mul crc32 addi subi shli ashri zexti sexti not neg"
-                      " mkmsk clz bitrev ldc ldawi ladd lmul maccu stack load".split())  # fmt: skip
+    name = rng.choice(ARITHMETIC)
     if name in ("addi", "subi"):
         return f"{name[:-1]} {a}, {b}, {small}"
     if name in ("shli", "ashri"):
@@ -130,7 +136,9 @@ def arithmetic(rng: random.Random) -> str:
     return f"{name} {a}, {b}, {c}"
 
 
-LOCK = 0x005
+LOCK, ANSWER = 0x005, 0x00FF0702
+LATER = "setd res[r7], r8; setc res[r7], 9"
+KINDS = ("loop", "lock", "word", "tokens", "timer", "event", "port", "timed", "send", "sync", "divide")
 
 
 class Script:
@@ -141,7 +149,6 @@ class Script:
         self.count = count
         self.bodies: list[list[str]] = [[] for _ in range(count)]
         self.labels = 0
-        self.tokens: list[tuple[int, int]] = []
         for _ in range(steps):
             self.step()
             for body in self.bodies:
@@ -155,67 +162,67 @@ class Script:
         rng = self.rng
         thread = rng.randrange(self.count)
         body = self.bodies[thread]
-        kind = rng.choice(
-            ["loop", "lock", "word", "tokens", "timer", "event", "port", "timed", "send", "sync", "divide"]
-        )
+        kind = rng.choice(KINDS)
         register = f"r{rng.randrange(7)}"
         if kind == "loop":
             label = self.label()
-            inner = [arithmetic(rng) for _ in range(rng.randrange(1, 8))]
-            body += [f"ldc r7, {rng.randrange(1, 40)}", f"{label}:", *inner, "sub r7, r7, 1", f"bt r7, {label}"]
+            inner = "; ".join(arithmetic(rng) for _ in range(rng.randrange(1, 8)))
+            body.append(f"ldc r7, {rng.randrange(1, 40)}; {label}:; {inner}; sub r7, r7, 1; bt r7, {label}")
         elif kind == "lock":
             for other in self.bodies:
-                other += [f"ldc r7, {LOCK}", "in r8, res[r7]", "ldw r8, dp[0]", "add r8, r8, r0", "stw r8, dp[0]",
-                          *[arithmetic(rng) for _ in range(3)], "out res[r7], r8"]  # fmt: skip
+                other.append(f"ldc r7, {LOCK}; in r8, res[r7]; ldw r8, dp[0]; add r8, r8, r0; stw r8, dp[0]")
+                other += [arithmetic(rng) for _ in range(3)]
+                other.append("out res[r7], r8")
         elif kind in ("word", "tokens") and self.count > 1:
-            to = rng.choice([n for n in range(self.count) if n != thread])
-            words = rng.randrange(1, 6)
-            body += [f"ldc r7, {self.channel(thread, to)}", f"setd res[r7], {self.address(body, to, thread)}"]
-            self.bodies[to].append(f"ldc r7, {self.channel(to, thread)}")
-            for _ in range(words):
-                if kind == "word":
-                    body.append(f"out res[r7], {register}")
-                    self.bodies[to].append(f"in r{rng.randrange(7)}, res[r7]")
-                else:
-                    body.append(f"outt res[r7], {register}")
-                    self.bodies[to] += ["testct r8, res[r7]", f"int r{rng.randrange(7)}, res[r7]"]
-                body += [arithmetic(rng) for _ in range(rng.choice([0, 5]))]
-            body.append("outct res[r7], 1")
-            self.bodies[to] += ["testwct r8, res[r7]", "chkct res[r7], 1"]
+            self.packet(thread, kind, register)
         elif kind == "timer":
-            body += [f"ldc r7, {thread << 8 | 1}", "setc res[r7], 1", "in r8, res[r7]", f"ldc r9, {rng.randrange(60)}",
-                     "add r8, r8, r9", "setd res[r7], r8", "setc res[r7], 9", f"in {register}, res[r7]"]  # fmt: skip
+            body.append(self.later(thread) + f"in {register}, res[r7]")
         elif kind == "event":
             label = self.label()
-            body += [f"ldc r7, {thread << 8 | 1}", "setc res[r7], 1", "in r8, res[r7]", f"ldc r9, {rng.randrange(60)}",
-                     "add r8, r8, r9", "setd res[r7], r8", "setc res[r7], 9", f"ldap r11, {label}", "setv res[r7], r11",
-                     "eeu res[r7]", "waiteu", f"{label}:", "edu res[r7]", "get r11, ed", f"xor {register}, r11, r8"]  # fmt: skip
+            body.append(self.later(thread) + f"ldap r11, {label}; setv res[r7], r11; eeu res[r7]; waiteu")
+            body.append(f"{label}:; edu res[r7]; get r11, ed; xor {register}, r11, r8")
         elif kind == "port" and thread < 2:
             body.append(f"ldw r7, dp[{1 + thread}]")
             for _ in range(rng.randrange(1, 8)):
                 body += [f"out res[r7], {register}", *[arithmetic(rng) for _ in range(rng.choice([0, 2, 12]))]]
-            body += ["syncr res[r7]", f"getts {register}, res[r7]"]
+            body.append(f"syncr res[r7]; getts {register}, res[r7]")
         elif kind == "timed" and thread < 2:
-            body += [f"ldw r7, dp[{1 + thread}]", "out res[r7], r0", "syncr res[r7]", "getts r8, res[r7]",
-                     f"ldc r9, {rng.randrange(2, 30)}", "add r8, r8, r9", "setpt res[r7], r8", f"out res[r7], {register}",
-                     "out res[r7], r1"]  # fmt: skip
+            body.append(f"ldw r7, dp[{1 + thread}]; out res[r7], r0; syncr res[r7]; getts r8, res[r7]")
+            body.append(f"ldc r9, {rng.randrange(2, 30)}; add r8, r8, r9; setpt res[r7], r8")
+            body.append(f"out res[r7], {register}; out res[r7], r1")
         elif kind == "send":
-            body += [constant("r8", 0x00FF0702 + (thread << 8)), f"ldc r7, {(16 + thread) << 8 | 2}", "setd res[r7], r8",
-                     *rng.choices([f"out res[r7], {register}", f"outt res[r7], {register}", "outct res[r7], 5"], k=4),
-                     f"outct res[r7], {rng.choice([1, 2])}"]  # fmt: skip
+            body += [constant("r8", ANSWER + (thread << 8)), f"ldc r7, {16 + thread << 8 | 2}; setd res[r7], r8"]
+            body += rng.choices([f"out res[r7], {register}", f"outt res[r7], {register}", "outct res[r7], 5"], k=4)
+            body.append(f"outct res[r7], {rng.choice([1, 2])}")
         elif kind == "sync":
             for number, other in enumerate(self.bodies):
                 other.append("msync res[r10]" if number == 0 else "ssync")
         elif kind == "divide":
-            body += [f"ldc r9, {rng.randrange(1, 1000)}", f"divu {register}, {register}, r9"]
+            body.append(f"ldc r9, {rng.randrange(1, 1000)}; divu {register}, {register}, r9")
 
-    def channel(self, thread: int, other: int) -> int:
-        """Identifier of the channel end of one thread to another."""
-        return (thread * self.count + other) << 8 | 2
+    def later(self, thread: int) -> str:
+        """Set a timer of the thread to a time in the near future."""
+        again = "setc res[r7], 1; in r8, res[r7]"
+        return f"ldc r7, {thread << 8 | 1}; {again}; ldc r9, {self.rng.randrange(60)}; add r8, r8, r9; {LATER}; "
 
-    def address(self, body: list[str], thread: int, other: int) -> str:
-        body.append(f"ldc r9, {self.channel(thread, other)}")
-        return "r9"
+    def packet(self, thread: int, kind: str, register: str) -> None:
+        """Send words or tokens from one thread to another."""
+        rng, body = self.rng, self.bodies[thread]
+        to = rng.choice([number for number in range(self.count) if number != thread])
+        there, here = to * self.count + thread, thread * self.count + to  # channel ends
+        body.append(f"ldc r7, {here << 8 | 2}; ldc r9, {there << 8 | 2}; setd res[r7], r9")
+        self.bodies[to].append(f"ldc r7, {there << 8 | 2}")
+        for _ in range(rng.randrange(1, 6)):
+            read = f"r{rng.randrange(7)}"
+            if kind == "word":
+                body.append(f"out res[r7], {register}")
+                self.bodies[to].append(f"in {read}, res[r7]")
+            else:
+                body.append(f"outt res[r7], {register}")
+                self.bodies[to].append(f"testct r8, res[r7]; int {read}, res[r7]")
+            body += [arithmetic(rng) for _ in range(rng.choice([0, 5]))]
+        body.append("outct res[r7], 1")
+        self.bodies[to].append("testwct r8, res[r7]; chkct res[r7], 1")
 
     def text(self) -> str:
         resources = 20 * ["getr r0, 2"] + 4 * ["getr r0, 1"] + ["getr r0, 5", "getr r10, 3"]
@@ -267,6 +274,35 @@ def test_bursts_are_lockstep(seed: int, count: int, fetch: str) -> None:
     assert outcome(text, [*steps, end], fetch=fetch, run_ahead=rng.choice([0, 7, 100, 100_000])) == wanted
 
 
+@pytest.mark.parametrize("lockstep", [False, True])
+@pytest.mark.parametrize("later", range(-4, 5))
+def test_first_come_first_served(later: int, lockstep: bool) -> None:
+    """Of two threads that come to a lock a few cycles apart, the first gets it, whichever is executed first."""
+    text = f"""
+        getr r4, 5; getr r2, 3; getst r0, res[r2]; ldap r11, other; init t[r0]:pc, r11; set t[r0]:r4, r4
+        set t[r0]:r5, r5
+        msync res[r2]
+        {"add r1, r1, 1; " * (20 + later)}
+        in r6, res[r4]
+        ldw r7, r5[0]; add r7, r7, 1; stw r7, r5[0]
+        out res[r4], r6
+        clre; waiteu
+    other:
+        {"add r1, r1, 1; " * 20}
+        in r6, res[r4]
+        ldw r7, r5[0]; add r7, r7, r7; stw r7, r5[0]
+        out res[r4], r6
+        clre; waiteu
+    """
+    made = core(text, 0, 0, 0, 0, 0, 0x18000, lockstep=lockstep)
+    made.memory[0x8000] = 5
+    made.run(1000)
+    other_first = made.memory[0x8000] == 11
+    assert made.memory[0x8000] in (11, 12)
+    if later:
+        assert other_first == (later > 0)
+
+
 def test_scripts_come_to_their_ends() -> None:
     """The random programs do not stop early: every thread waits in its last instruction, and all kinds occur."""
     texts = []
@@ -316,9 +352,13 @@ def stalls(text: str) -> int:
     return count
 
 
-@given(st.lists(st.sampled_from([
-    "add r0, r0, 1", "ldc r1, 1000", "mul r0, r0, r1", "ldw r2, sp[1]", "stw r2, sp[100]", "xor r1, r1, r2", "stw r1, r3[r4]",
-]), max_size=30))  # fmt: skip
+STRAIGHT = (
+    "add r0, r0, 1", "ldc r1, 1000", "mul r0, r0, r1", "ldw r2, sp[1]", "stw r2, sp[100]", "xor r1, r1, r2",
+    "stw r1, r3[r4]",
+)  # fmt: skip
+
+
+@given(st.lists(st.sampled_from(STRAIGHT), max_size=30))
 @settings(max_examples=60, deadline=None)
 def test_fetch_stalls(lines: list[str]) -> None:
     text = "\n".join([*lines, "getr r0, 1", "in r1, res[r0]", "waiteu"])
