@@ -68,9 +68,9 @@ class Instruction(NamedTuple):
     name : str
         Unique.
     syntax : str
-        Mnemonic and operands. A to F are registers in the order of the format's fields; U is a number of 0 to 11 and P a
-        bit position, either in the last field; N is the immediate; T is a branch's distance in half words from the
-        end of the instruction, as the opcode's sign says.
+        Mnemonic and operands. A to F are registers in the order of the format's fields. U is a number of 0 to 11 and P
+        a bit position, either in the last field. N is the immediate. T is a branch's distance in half words from the
+        end of the instruction, with the sign that the opcode says.
     format : Format
     opcode : int
     effect : Effect
