@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from phasewire import Emulator, Pulses
 from phasewire.emulator import faults
+from phasewire.emulator.boards.processor import Processor
 from phasewire.emulator.boards.sync import SyncLine
 from phasewire.emulator.ports.clock import BoardClock
 from phasewire.emulator.ports.excerpt import Excerpt
@@ -38,6 +39,13 @@ FULL = Pulses(np.full(320, 25), np.full(320, 25))
 def events(emulator: Emulator) -> int:
     """The number of waiting plans, far and near."""
     return len(emulator.scheduler._queue)
+
+
+def models(device: Device) -> list[Processor]:
+    """The processors of a device, all of them models."""
+    found = [processor for processor in device.emulator.processors if isinstance(processor, Processor)]
+    assert len(found) == 10
+    return found
 
 
 @pytest.mark.parametrize("rate", [0, 1000, -1_000_000])
@@ -89,7 +97,7 @@ def test_the_list_of_what_is_in_use_is_bounded() -> None:
         device.send_in_time(AmplitudeModulation(0, 1, 1))
         device.run(30)
     assert len(device.emulator.running._dispatch.stores._uses) < 20
-    assert max(len(processor.history.segments().overlays) for processor in device.emulator.processors) < 40
+    assert max(len(model.history.segments().overlays) for model in models(device)) < 40
 
 
 def test_a_device_that_restarted_is_not_kept() -> None:
@@ -127,8 +135,8 @@ def test_a_late_sequence_does_not_begin_on_a_processor_that_was_silenced_meanwhi
     device.run(5)
     device.emulator.inject(faults.HotBoard(board=1, celsius=90))
     device.run(100)
-    for processor in device.emulator.processors:
-        starts = processor.history.segments().starts
+    for model in models(device):
+        starts = model.history.segments().starts
         assert (np.diff(starts) >= 0).all()
     end = device.emulator.capture().end_tick
     assert not device.emulator.capture().bits(end - 2000, end)[:, 3].any()
