@@ -8,7 +8,7 @@ FUZZ_SECONDS ?= 60
 SOAK_MINUTES ?= 120
 REFERENCE_FUZZ_SECONDS ?= 20
 
-.PHONY: help demo docs test test-slow test-usb test-usb-all test-page mutants reference lint format vectors fuzz soak bench bench-peers clean
+.PHONY: help demo docs test test-slow test-usb test-usb-all test-page mutants firmware-mutants reference lint format vectors fuzz soak bench bench-peers clean
 .DEFAULT_GOAL := help
 
 help:            ## list the targets
@@ -40,6 +40,9 @@ soak: $(VENV)/ready          ## a stream with random faults, SOAK_MINUTES (120) 
 
 mutants: $(VENV)/ready       ## the conformance suite against every broken emulator, in a quarter of an hour
 	@$(BIN)/phasewire conformance --mutants --jobs $(TEST_PROCESSES)
+
+firmware-mutants: $(VENV)/ready ## the conformance suite against the chain processors' firmware, broken in many ways, in some minutes
+	@$(BIN)/python -m phasewire.mutants.processors
 
 reference: $(VENV)/ready     ## the reference device in C: unit tests, sanitizers, a Cortex-M33, fuzzing, and bugs that the suite must catch
 	@$(MAKE) -s -C reference check posix
@@ -73,6 +76,7 @@ bench: $(VENV)/ready         ## the benchmarks; run them on a quiet machine
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/contact.py
 	@$(BIN)/python benchmarks/protocol.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/emulator.py
+	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/executed.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/streaming.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/touch.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/view.py

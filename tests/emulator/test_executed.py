@@ -119,3 +119,14 @@ def test_two_runs_are_the_same_to_the_bit() -> None:
         program.run(60)
     assert (one.heard, one.seen()) == (other.heard, other.seen())
     assert list(one.device.emulator.events) == list(other.device.emulator.events)
+
+
+def test_flashed_firmware_plays() -> None:
+    """A rasteriser that inverts its last bit, flashed over USB: what plays changes, and so does the version."""
+    program = build_processor().image
+    source = (FOLDER / "port.s").read_text("utf-8")
+    with Emulator(firmware="xs1").open() as emulator:
+        report = flash(emulator.url, read_firmware(build(device_image((0, 2, 0)))))
+        assert (report.before, report.firmware) == (Version(0, 1, 0), Version(0, 2, 0))
+        with open_device(emulator.url) as device:
+            assert {each.firmware for each in device.processors()} == {(0, 2, 0)}

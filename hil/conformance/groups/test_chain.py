@@ -870,6 +870,20 @@ def test_a_board_that_is_less_than_a_tick_off_goes_on(bench: Bench, ppm: int) ->
     expect_faults(bench, NO_FAULTS)
 
 
+@pytest.mark.parametrize("ppm", [4, -4])
+@case("CHN-027", needs=FAULTY)
+def test_a_slow_drift_of_a_clock_adds_up(bench: Bench, ppm: int) -> None:
+    """A board whose clock is off by less than a tick from pulse to pulse loses the common clock after some of them."""
+    begin(bench)
+    board, pulse = bench.random.randrange(bench.info.boards), next_pulse(bench)
+    bench.levers.cause(faults.ClockError(board=board, ppm=ppm, period=pulse + 1))
+    bench.wait_until(pulse + 3 * SYNC_PERIODS + 450)
+    said = expect_told(bench, State.FAULT, Fault.SYNC, besides=Fault.CHAIN)
+    learned = expect_learned(said, pulse + 3 * SYNC_PERIODS)
+    assert learned >= pulse + 2 * SYNC_PERIODS, f"the fault is told in period {learned}, the drift is 0.8 ticks then"
+    expect_faults(bench, Fault.SYNC, *places_of(board), besides=Fault.CHAIN)
+
+
 # Missing processors
 
 
