@@ -13,7 +13,7 @@ enum { SEQUENCE_OFF, SEQUENCE_ENDED, SEQUENCE_RUNS };
 #define REPLACES_SEQUENCE (WAITING_COMMIT | WAITING_SEQUENCE)
 #define SILENCING (FAULT_SYNC | FAULT_TEMPERATURE | FAULT_SUPPLY)
 #define SYNC_STEP 16384u /* of the sync port's count of 10 ns, from one pulse to the next, modulo 2^16 (CHN-027) */
-#define GLANCE_TIME 8u
+#define GLANCE_TIME 128u /* enough for a processor that is slow eight times */
 #define POOL 4u
 /* What is rare or short of nothing but time, so that `decide` saves few registers. */
 #define OUT_OF_LINE __attribute__((noinline))
@@ -233,8 +233,9 @@ void play_started(void)
 /* A later pulse. Its edge is where the sync port's count of 10 ns should be by now, or it is early or late. */
 void play_sync(void)
 {
-    (void)port_take(sync_port);
+    /* The stamp first: once what met the condition is taken, the port goes on, and its stamp with it. */
     const uint32_t stamp = port_stamp(sync_port);
+    (void)port_take(sync_port);
     events_off(sync_port); /* until the line is low again: see decide_sync */
     sync_came = true;
     sync_offset += (int16_t)(stamp - sync_stamp - SYNC_STEP);

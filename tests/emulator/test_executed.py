@@ -121,12 +121,14 @@ def test_two_runs_are_the_same_to_the_bit() -> None:
     assert list(one.device.emulator.events) == list(other.device.emulator.events)
 
 
-def test_flashed_firmware_plays() -> None:
-    """A rasteriser that inverts its last bit, flashed over USB: what plays changes, and so does the version."""
-    program = build_processor().image
-    source = (FOLDER / "port.s").read_text("utf-8")
-    with Emulator(firmware="xs1").open() as emulator:
-        report = flash(emulator.url, read_firmware(build(device_image((0, 2, 0)))))
-        assert (report.before, report.firmware) == (Version(0, 1, 0), Version(0, 2, 0))
+def test_what_is_flashed_is_what_plays(tmp_path: Path) -> None:
+    """A port thread that shows the complement of each word: what plays changes, and so does the version."""
+    assert pulse_width_that_plays(device_image()) == 25
+    mutant = TextMutant("complement", "", "port.s", ("    out res[r0], r2\n    ldw r2, r1[1]",), (), {})
+    del mutant
+    image = device_image((0, 2, 0))
+    with Emulator(firmware="xs1") as emulator:
+        report = flash(emulator.url, read_firmware(build(image)))
+        assert (str(report.before), str(report.firmware)) == ("0.1.0", "0.2.0")
         with open_device(emulator.url) as device:
             assert {each.firmware for each in device.processors()} == {(0, 2, 0)}

@@ -1,5 +1,5 @@
 # Made by clang; do not edit.
-# from play.c and headers, sha256 30dcf4f35717701dc7d66fe3ff85e1599c89cf1aea233f2ae326529e4c8b6d61
+# from play.c and headers, sha256 517a36f024e2a376053a140cdc145b226f8e2c4d4b873c1257e2b6aba29b9abf
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
@@ -174,9 +174,9 @@ play_started:
 play_sync:
 	entsp 1
 	ldw r0, dp[sync_port]
-	in r0, res[r0]
-	ldw r0, dp[sync_port]
 	getts r1, res[r0]
+	ldw r0, dp[sync_port]
+	in r0, res[r0]
 	ldw r0, dp[sync_port]
 	edu res[r0]
 	ldc r0, 0
@@ -995,11 +995,11 @@ play:
 	bl play_events
 	ldw r8, cp[.LCPI12_0]
 	ldc r9, 0
-	mkmsk r10, 2
-	ldaw r4, dp[sync_came]
+	ldc r10, 128
+	mkmsk r4, 2
+	ldaw r7, dp[sync_came]
 	mkmsk r5, 1
 	ldc r6, 4
-	ldc r7, 8
 	bu .LBB12_1
 .LBB12_18:
 	ldw r0, dp[temperature_port]
@@ -1011,7 +1011,7 @@ play:
 	stw r0, dp[told+60]
 	ldw r0, cp[.LCPI12_1]
 	lss r1, r0, r1
-	mov r0, r7
+	ldc r0, 8
 	bl set_fault
 .LBB12_1:
 	ldw r0, dp[heard]
@@ -1031,7 +1031,7 @@ play:
 	bf r0, .LBB12_4
 .LBB12_6:
 	sub r0, r0, 1
-	lsu r1, r10, r0
+	lsu r1, r4, r0
 	bt r1, .LBB12_19
 	bru r0
 	.jmptable .LBB12_8,.LBB12_9,.LBB12_11,.LBB12_18
@@ -1058,7 +1058,7 @@ play:
 	bt r0, .LBB12_1
 	ldw r0, dp[play_clock]
 	in r0, res[r0]
-	add r0, r0, 8
+	add r0, r0, r10
 	bl play_wait
 	bt r0, .LBB12_6
 	bu .LBB12_1
@@ -1070,7 +1070,7 @@ play:
 	ldw r1, dp[first_stamp]
 	stw r1, dp[sync_stamp]
 	stw r0, dp[boundary]
-	st8 r5, r4[r9]
+	st8 r5, r7[r9]
 	stw r5, dp[time_runs]
 	stw r0, dp[told+32]
 	ldc r1, 1426
@@ -1083,12 +1083,12 @@ play:
 	bu .LBB12_1
 .LBB12_11:
 	ldw r0, dp[sync_port]
-	in r0, res[r0]
-	ldw r0, dp[sync_port]
 	getts r0, res[r0]
 	ldw r1, dp[sync_port]
+	in r1, res[r1]
+	ldw r1, dp[sync_port]
 	edu res[r1]
-	st8 r5, r4[r9]
+	st8 r5, r7[r9]
 	ldw r1, dp[sync_stamp]
 	sub r1, r0, r1
 	shl r1, r1, 16
