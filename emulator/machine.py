@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import count
-from typing import Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self, get_args
 
 from ..errors import DeviceError
 from ..protocol.board import (
@@ -164,6 +164,8 @@ class Emulator:
                 raise ValueError(
                     f"clock offset {ticks} of board {board}: boards are 0 to {BOARDS - 1}, offsets not negative"
                 )
+        if not isinstance(firmware, Image) and firmware not in get_args(FirmwareChoice):
+            raise ValueError(f"firmware {firmware!r}: give 'model', 'xs1' or an image")
         self.executes = firmware != "model"
         if flash is None:
             made_up = f"EMU-{next(_serials):04d}" if serial is None else serial
@@ -524,11 +526,9 @@ def _factory_image(firmware: Image | FirmwareChoice) -> Image:
         return firmware
     if firmware == "model":
         return FACTORY_IMAGE
-    if firmware == "xs1":
-        from ..firmware.images import device_image  # only executed devices need it
+    from ..firmware.images import device_image  # only executed devices need it
 
-        return device_image()
-    raise ValueError(f"firmware {firmware!r}: give 'model', 'xs1' or an image")
+    return device_image()
 
 
 def _unique_id(name: str) -> bytes:

@@ -74,7 +74,7 @@ PROCESSOR_CYCLES_PER_INSTRUCTION = max(LEAST_CYCLES_PER_INSTRUCTION, PROCESSOR_T
 #   judging:     277 for the CRC-32 of a block, 69 for its header, and 1190 that the reference device's C needs for
 #                state, plan and acknowledgement
 #   rasterising: from the last token of a commit to its boundary 4341 cycles are executed, 5386 under a modulation, of
-#                which the rasteriser itself takes 480 instructions
+#                which the rasteriser itself takes 710 instructions, 229 of them after the table is handed over
 #   port, messages, sync: bounds of a period's share
 SORT_INSTRUCTIONS = 3_230
 WORKERS = CONTROLLER_THREADS - 1
@@ -85,7 +85,7 @@ PORT_INSTRUCTIONS = TICKS_PER_PERIOD * 5
 MESSAGE_INSTRUCTIONS = 400
 SYNC_INSTRUCTIONS = 20
 
-SORT_CYCLES = 7_000  # executed: 4892 to 5448 while the fourth worker pauses, 6021 to 6745 if all five threads run
+SORT_CYCLES = 7_000  # executed: 4892 to 5448 while the fourth worker pauses, 6021 to 6743 if all five threads run
 RASTERISE_CYCLES = RASTERISE_INSTRUCTIONS * PROCESSOR_CYCLES_PER_INSTRUCTION
 MODULATE_CYCLES = MODULATE_INSTRUCTIONS * PROCESSOR_CYCLES_PER_INSTRUCTION
 HOP_CYCLES = 40  # the delay of a switch is not published; 100 ns is assumed

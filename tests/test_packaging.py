@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("protocol", "solver", "emulator", "host", "hil", "feel", "view", "cli")
+ROOMS = ("protocol", "solver", "xs1", "firmware", "emulator", "host", "hil", "feel", "view", "cli")
 BESIDE = ("benchmarks", "docs", "examples", "mutants", "reference", "tests")
 ALONE = {"CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md", "pyproject.toml"}
 
@@ -44,6 +44,9 @@ def test_the_sdist_and_its_wheel_are_whole_and_the_package_runs_without_the_repo
     data = {"py.typed", "protocol/SPEC.md", "protocol/vectors.json", "host/finding/60-phasewire.rules"}
     data |= {"hil/guest/init.sh", "hil/guest/begin.sh", "__init__.pyi"}
     data |= {f"view/page/{name}" for name in ("index.html", "page.css", "page.js", "scene.js")}
+    programs = (ROOT / "firmware").rglob("*.*")
+    data |= {str(file.relative_to(ROOT)) for file in programs if file.suffix in {".bin", ".c", ".h", ".map", ".s"}}
+    data |= {"xs1/runtime.s"}
     assert packed == sources | {f"phasewire/{name}" for name in data}
 
     program = "import phasewire, phasewire.__main__, sys; sys.exit(phasewire.__file__ != sys.argv[1])"

@@ -16,28 +16,28 @@ from ...protocol.board import CYCLES_PER_TICK
 from ...protocol.codes import CONTROLLER_NODE, END_TOKEN, UNNUMBERED_NODE
 from ...protocol.timing import Link
 from ...xs1.core import Core, Sent, Stop
-from ...xs1.switch import SWITCH_CONFIGURATION, XLINK, LinkField, Switch
+from ...xs1.names import PORT_IDS
+from ...xs1.switch import CONTROL, SWITCH_CONFIGURATION, XLINK, LinkField, Switch
 from ..ports.capture import Track
 from ..ports.clock import BoardClock, Timebase
 from ..ports.recording import PortRecording
 from ..scheduler import Scheduler
 from .package import SUPPLY_RANGE_MV, Package
 
-__all__ = ["OUTPUTS", "SUPPLY_GOOD", "SYNC_LINE", "TEMPERATURE", "ExecutedProcessor", "with_end"]
+__all__ = ["DOWN_LINK", "UP_LINK", "ExecutedProcessor", "with_end"]
 
-OUTPUTS, SYNC_LINE, SUPPLY_GOOD, TEMPERATURE = 0x20_0000, 0x1_0400, 0x1_0500, 0x8_0200
-"""Ports 32A, 1F, 1G and 8C, by the architecture's identifiers."""
+OUTPUTS, SYNC_LINE, SUPPLY_GOOD, TEMPERATURE = (PORT_IDS[name] for name in ("32A", "1F", "1G", "8C"))
 UP_LINK, DOWN_LINK = 0, 1
 """The switch's links to the controller and away from it."""
-CONTROL = 0x100
-"""Bit 8 of a token: a control token."""
 ROUTE_TOKENS = 3
 SAMPLING_CYCLES = 195
-"""From the beginning of a tick to the moment at which the pins are read: the end of the tick, whatever it is late."""
+"""From the beginning of a tick to the moment at which the pins are read: 5 cycles before its end, so that a port that
+changes late in its tick still counts."""
 SWITCH_CYCLES = 40
 """From a question to the switch to its answer: not published; the delay of a hop is assumed."""
 ISSUE_CYCLES = 4
 MOST_WAITING_TOKENS = 4096
+"""That wait at channel ends before the core is executed, so that memory stays bounded."""
 
 
 class ExecutedProcessor(Package):
@@ -183,9 +183,21 @@ class ExecutedProcessor(Package):
             self._log(f"says something to node {node:#06x}, which nobody hears")
             return
         tokens = bytes([*node.to_bytes(2, "big"), end, *(int(token) & 0xFF for token in sent.tokens)])
+        if not self.passes(node, UP_LINK):
+            return
         # The links carry a message as a whole: it begins as late as its last token demands.
         begins = max(sent.begins, sent.ends - (len(tokens) - 1) * self._link.cycles_per_token)
         self._answers.append((tokens, begins + self._scheduler.now - self._own(self._scheduler.now)))
+
+    def passes(self, node: int, link: int) -> bool:
+        """Whether its switch sends a message for a node on by a link, as its registers say (clause CHN-025)."""
+        try:
+            well = self.switch.route(node) == link
+        except ValueError:
+            well = False
+        if not well:
+            self._log(f"its switch has no way to node {node:#06x} by link {link}")
+        return well
 
     def _say_hello(self, link: int) -> bool:
         return link == DOWN_LINK and not self.is_last

@@ -332,7 +332,7 @@ class Numbering:
         if not isinstance(identity, Identity):
             return
         self._identities.append(identity)
-        if identity.last:
+        if identity.last or len(self._identities) == PROCESSORS:
             self._finish()
         else:
             self._ask()

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 from ...protocol.board import CYCLES_PER_MS, PROCESSORS
 from ...protocol.chain import SLICE_BYTES, Collect, Commit, Identity, Message, Number, Playing, Report, Slice
-from ...protocol.codes import LINK_MS, ChannelEnd
+from ...protocol.codes import CONTROLLER_NODE, LINK_MS, ChannelEnd
 from ...protocol.timing import HOP_CYCLES, Link
-from ..boards.executed import ExecutedProcessor, with_end
+from ..boards.executed import DOWN_LINK, UP_LINK, ExecutedProcessor, with_end
 from ..boards.links import Passage
 from ..boards.package import AMBIENT_C
 from ..scheduler import Scheduler
@@ -29,9 +29,10 @@ STEP_CYCLES = HOP_CYCLES
 NUMBERING_STEP_CYCLES = 100 * HOP_CYCLES
 STARTING_CYCLES = 4_000
 """10 µs, an assumption: the last boot program checks a CRC-32 and starts the firmware, which gets its channel ends."""
-ANSWER_CYCLES = CYCLES_PER_MS
-"""After that nobody waits for an answer to a question any more; clause CHN-016 allows half of it."""
-IDENTITY_CYCLES = 2 * LINK_MS * CYCLES_PER_MS
+GIVE_UP_CYCLES = CYCLES_PER_MS
+"""After so long no answer to a question is looked for; clause CHN-016 allows half of it."""
+GIVE_UP_IDENTITY_CYCLES = 2 * LINK_MS * CYCLES_PER_MS
+"""After so long no identity is looked for: the controller has given up."""
 TRAIN_PLACES = [*range(PROCESSORS)] * 2
 TRAIN_TOKENS = [Slice.TOKENS] * PROCESSORS + [Commit.TOKENS] * PROCESSORS
 """An update on the chain: ten slices, then ten commits."""
@@ -96,12 +97,15 @@ class ExecutedChain(Chain):
     def _bring(self, passage: Passage, message: Message, passing: Passing) -> None:
         assert passage.arrives is not None
         place = passage.processor
+        node = int.from_bytes(passing.tokens[:2], "big")
+        if not all(before.passes(node, DOWN_LINK) for before in self._executed[:place]):
+            return
         self._executed[place].bring(passing.tokens, passage.arrives, ends=passing.ends)
         if isinstance(message, Collect):
             at = passage.arrives + max(self._delays[place] - 2 * STEP_CYCLES, STEP_CYCLES)
-            self._look(place, passage.arrives, at, STEP_CYCLES, passage.arrives + ANSWER_CYCLES)
+            self._look(place, passage.arrives, at, STEP_CYCLES, passage.arrives + GIVE_UP_CYCLES)
         elif isinstance(message, Number):
-            until = passage.arrives + IDENTITY_CYCLES
+            until = passage.arrives + GIVE_UP_IDENTITY_CYCLES
             self._look(place, passage.arrives, passage.arrives + STEP_CYCLES, NUMBERING_STEP_CYCLES, until)
 
     def _look(self, place: int, asked: int, at: int, step: int, until: int) -> None:
@@ -114,6 +118,7 @@ class ExecutedChain(Chain):
         answers = processor.take_answers()
         for tokens, begins in answers:
             self._delays[place] = begins - asked
-            self._pass_up(place, tokens, begins)
+            if all(between.passes(CONTROLLER_NODE, UP_LINK) for between in self._executed[:place]):
+                self._pass_up(place, tokens, begins)
         if not answers and now < until and not processor.stopped:
             self._look(place, asked, now + step, step, until)

@@ -123,6 +123,8 @@ class EmulatorUrl:
     def make(self, flash: Flash | None = None, *, history_periods: int | None = None) -> Emulator:
         """Make the fresh emulator, with a flash or as it leaves the factory; the history is as `Emulator` keeps it.
 
+        A flash must contain the image that the URL names, if it names one.
+
         Raises
         ------
         ImageError, InputFileError

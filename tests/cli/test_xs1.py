@@ -11,7 +11,7 @@ from pathlib import Path
 import phasewire.cli.xs1
 import phasewire.xs1.clang
 import pytest
-from phasewire.xs1.assembler import Source, assemble
+from phasewire.xs1.assembler import AssemblySource, assemble
 from vcd.reader import TokenKind, tokenize
 
 from tests.cli.runner import Run
@@ -62,7 +62,7 @@ TRAP = "start:\n    ldc r1, 2\n    ldw r2, r1[0]\n"
 def folder(tmp_path: Path) -> Path:
     for name, text in {"play.s": PLAY, "wait.s": WAIT, "trap.s": TRAP, "end.s": END}.items():
         (tmp_path / name).write_text(text)
-        program = assemble([Source(name, text)], defines={"FIRST": 7})
+        program = assemble([AssemblySource(name, text)], defines={"FIRST": 7})
         (tmp_path / name).with_suffix(".bin").write_bytes(program.image)
         (tmp_path / name).with_suffix(".map").write_text(program.map_text())
     return tmp_path
@@ -132,7 +132,7 @@ def test_list_is_the_disassembly(xs1: Run, folder: Path) -> None:
     outcome = xs1("disasm", "play.bin")
     assert listed.startswith(outcome.out)
     rows = [line.split(None, 2) for line in outcome.out.splitlines() if line.startswith("   1")]
-    program = assemble([Source("play.s", PLAY)], defines={"FIRST": 7})
+    program = assemble([AssemblySource("play.s", PLAY)], defines={"FIRST": 7})
     texts = [" ".join(line.split()) for line in PLAY.splitlines() if line.startswith("    ") and "." not in line]
     assert len(rows) == len(texts)
     assert [int(row[0], 16) for row in rows] == [line.address for line in program.lines]

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from phasewire import Emulator
+from numpy.typing import NDArray
+from phasewire import Emulator, Pulses, open_device
 from phasewire.firmware.images import device_image
+from phasewire.host.firmware.flashing import flash
+from phasewire.host.firmware.images import read_firmware
+from phasewire.mutants.processors import broken_image, broken_sources, known_mutants
 from phasewire.protocol.blocks import Update
 from phasewire.protocol.codes import Fault, Request, State, Target
-from phasewire.protocol.firmware import Image, Segment
+from phasewire.protocol.firmware import Image, Segment, build
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
 
 from tests.emulator.hosts import FULL, Device
@@ -87,6 +92,8 @@ def test_an_image_and_a_flash_do_not_go_together() -> None:
         Emulator(flash=Emulator().flash, firmware=device_image())
     with pytest.raises(ValueError, match="firmware 'xs2'"):
         Emulator(firmware="xs2")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="firmware 'xs2'"):
+        Emulator(flash=Emulator().flash, firmware="xs2")  # type: ignore[arg-type]
 
 
 # Time
@@ -122,13 +129,22 @@ def test_two_runs_are_the_same_to_the_bit() -> None:
 
 
 def test_what_is_flashed_is_what_plays(tmp_path: Path) -> None:
-    """A port thread that shows the complement of each word: what plays changes, and so does the version."""
-    assert pulse_width_that_plays(device_image()) == 25
-    mutant = TextMutant("complement", "", "port.s", ("    out res[r0], r2\n    ldw r2, r1[1]",), (), {})
-    del mutant
-    image = device_image((0, 2, 0))
+    """Firmware whose pulses of width 0 are high for a whole period plays them so once it was flashed."""
+    (mutant,) = (each for each in known_mutants() if each.name == "width-0-is-a-whole-period")
+    image = broken_image(broken_sources(mutant, tmp_path))
     with Emulator(firmware="xs1") as emulator:
-        report = flash(emulator.url, read_firmware(build(image)))
-        assert (str(report.before), str(report.firmware)) == ("0.1.0", "0.2.0")
-        with open_device(emulator.url) as device:
-            assert {each.firmware for each in device.processors()} == {(0, 2, 0)}
+        before = silent_words(emulator)
+        report = flash(emulator.url, read_firmware(build(image)), allow_downgrade=True)
+        assert report.written
+        after = silent_words(emulator)
+    assert not before.any()
+    assert (after & 0x0101_0101 == 0x0101_0101).all()
+
+
+def silent_words(emulator: Emulator) -> NDArray[np.uint32]:
+    """What the ports do in a period in which nothing but silent pulses play."""
+    with open_device(emulator.url) as device:
+        ack = device.show(Pulses.silent(320))
+        emulator.run_until(ack.commit_period + 2)
+        begun = 50 * ack.commit_period
+        return emulator.capture().bits(begun, begun + 50)

@@ -1,4 +1,4 @@
-"""PortRecord port words, against the words that were recorded."""
+"""Recorded port words, against the words that were recorded."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from phasewire.xs1.assembler import Source, assemble
+from phasewire.xs1.assembler import AssemblySource, assemble
 from phasewire.xs1.core import Core, Stop
 
 PORT_32A, PORT_1F, PORT_8C, PORT_4A = 0x200000, 0x10400, 0x80200, 0x40000
@@ -39,7 +39,7 @@ def clocked(port: int, divide: int, clock: int = CLOCK_1, *, port_in: str = "r4"
 
 def image(text: str) -> bytes:
     """Assemble; instructions may also be separated by semicolons."""
-    return assemble([Source("test.s", text.replace("; ", "\n"))]).image
+    return assemble([AssemblySource("test.s", text.replace("; ", "\n"))]).image
 
 
 def core(text: str, *registers: int, **options: Any) -> Core:

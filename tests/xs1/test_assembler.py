@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 from phasewire.errors import InputFileError
-from phasewire.xs1.assembler import Source, assemble, runtime
+from phasewire.xs1.assembler import AssemblySource, assemble, runtime
 from phasewire.xs1.encoding import Decoded, decode
 from phasewire.xs1.program import MEMORY_BYTES, RAM_BASE, Function, Line, LinkedProgram, Section, read_map
 from phasewire.xs1.syntax import render
@@ -19,7 +19,7 @@ JUMP_TARGET = re.compile(r"(bt|bf|bu|bl|ldap) (?:(r\d+), )?([\w.$]+)$")
 
 def linked(*texts: str, defines: Mapping[str, int] | None = None) -> LinkedProgram:
     """A program from sources called a.s, b.s, …"""
-    sources = [Source(f"{chr(97 + place)}.s", text) for place, text in enumerate(texts)]
+    sources = [AssemblySource(f"{chr(97 + place)}.s", text) for place, text in enumerate(texts)]
     return assemble(sources, defines=defines)
 
 
@@ -57,7 +57,7 @@ def errors_of(*texts: str, defines: Mapping[str, int] | None = None) -> list[str
 def test_what_clang_wrote_is_what_llvm_reads(name: str, options: tuple[str, ...]) -> None:
     """Instruction by instruction: registers and numbers as text, targets by address, data by the memory they name."""
     text = compiled(ALL[name], *options)
-    program = assemble([Source("c.s", text), Source("stubs.s", STUBS), runtime()])
+    program = assemble([AssemblySource("c.s", text), AssemblySource("stubs.s", STUBS), runtime()])
     lines = [line for line in program.lines if line.file == "c.s"]
     theirs = disassembled(
         [program.image[line.address - RAM_BASE :][: line.size] for line in lines if not table(line, text)]
@@ -121,7 +121,9 @@ def compare(ours: str, theirs: str, end: int, labels: Mapping[str, int], program
 @needs_clang
 def test_data_of_clang() -> None:
     """Strings, numbers and addresses, as C means them."""
-    program = assemble([Source("c.s", compiled(ALL["data"], "-O2")), Source("stubs.s", STUBS), runtime()])
+    program = assemble(
+        [AssemblySource("c.s", compiled(ALL["data"], "-O2")), AssemblySource("stubs.s", STUBS), runtime()]
+    )
 
     def at(name: str, size: int, extra: int = 0) -> bytes:
         place = program.symbols[name] + extra - RAM_BASE
@@ -369,14 +371,14 @@ def test_a_weak_symbol_gives_way() -> None:
 
 def test_only_used_parts_of_a_library_are_linked() -> None:
     """And what these use."""
-    library = Source("l.s", "".join(
+    library = AssemblySource("l.s", "".join(
         f".cc_top {name}.function, {name}\n.globl {name}\n{name}: {code}\n.cc_bottom {name}.function\n"
         for name, code in {"a": "bl b", "b": "retsp 1", "c": "retsp 2"}.items()
     ), library=True)  # fmt: skip
-    program = assemble([Source("m.s", "bl a"), library])
+    program = assemble([AssemblySource("m.s", "bl a"), library])
     assert [function.name for function in program.functions] == ["a", "b"]
     assert "c" not in program.symbols
-    assert len(assemble([Source("m.s", "retsp 0"), runtime()]).image) <= 4
+    assert len(assemble([AssemblySource("m.s", "retsp 0"), runtime()]).image) <= 4
 
 
 def test_functions_lines_and_map() -> None:
@@ -522,7 +524,7 @@ def test_damaged_sources_are_refused_or_assembled() -> None:
             if place < len(text):
                 text[place] = signs[random.integers(0, len(signs))]
         try:
-            assemble([Source("a.s", "".join(text))])
+            assemble([AssemblySource("a.s", "".join(text))])
         except InputFileError as error:
             messages.append(str(error))
     assert all(message.startswith("a.s:") for message in messages)

@@ -5,7 +5,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from phasewire.xs1.assembler import Source, assemble
+from phasewire.xs1.assembler import AssemblySource, assemble
 from phasewire.xs1.debugger import (
     around,
     describe_cycle,
@@ -19,7 +19,7 @@ from phasewire.xs1.debugger import (
 )
 from phasewire.xs1.execution import Execution, Setup
 from phasewire.xs1.names import PORT_IDS, THREAD_REGISTERS
-from phasewire.xs1.program import Program, read_map
+from phasewire.xs1.program import LinkedProgram, read_map
 
 PORT = PORT_IDS["32A"]
 
@@ -72,21 +72,21 @@ TABLE:
 """Thread 0 starts thread 1, which adds up a table and sends the sum; thread 0 divides it, and shows it on a port."""
 
 
-def made(text: str) -> Program:
-    return assemble([Source("t.s", text)])
+def made(text: str) -> LinkedProgram:
+    return assemble([AssemblySource("t.s", text)])
 
 
 @pytest.fixture
-def program() -> Program:
+def program() -> LinkedProgram:
     return made(TWO_THREADS)
 
 
 @pytest.fixture
-def execution(program: Program) -> Execution:
+def execution(program: LinkedProgram) -> Execution:
     return Execution(Setup(program, watched=[PORT], lockstep=True))
 
 
-def test_steps_are_all_instructions_each_once(program: Program, execution: Execution) -> None:
+def test_steps_are_all_instructions_each_once(program: LinkedProgram, execution: Execution) -> None:
     found = list(steps(execution, 10_000))
     assert len(found) == execution.core.instructions == 21 + 45  # thread 0's last, waiteu, does not go on
     assert Counter(step.thread for step in found) == {0: 21, 1: 45}
@@ -99,7 +99,7 @@ def test_steps_are_all_instructions_each_once(program: Program, execution: Execu
     assert execution.idle
 
 
-def test_steps_name_what_they_change(program: Program, execution: Execution) -> None:
+def test_steps_name_what_they_change(program: LinkedProgram, execution: Execution) -> None:
     """The registers of a step are those of a core that is executed up to its cycle, and no other has changed."""
     for step in steps(execution, 10_000):
         other = Execution(execution.setup)
@@ -159,7 +159,7 @@ def test_steps_end_with_a_trap() -> None:
     assert "trapped at start+0x2" in view(execution)
 
 
-def test_a_profile_is_counted_by_function(program: Program) -> None:
+def test_a_profile_is_counted_by_function(program: LinkedProgram) -> None:
     """A division takes 32 slots, so that thread 0 has 20 + 32."""
     execution = Execution(Setup(program))
     execution.run(10_000)
@@ -170,7 +170,7 @@ def test_a_profile_is_counted_by_function(program: Program) -> None:
     assert start.share + adder.share == pytest.approx(1)
 
 
-def test_a_profile_without_functions_has_labels_or_no_names(program: Program) -> None:
+def test_a_profile_without_functions_has_labels_or_no_names(program: LinkedProgram) -> None:
     text = TWO_THREADS.replace(".type", "# ").replace(".size", "# ")
     execution = Execution(Setup(made(text)))
     execution.run(10_000)
@@ -179,13 +179,13 @@ def test_a_profile_without_functions_has_labels_or_no_names(program: Program) ->
         "adder": 3,
         "more": 42,
     }
-    execution = Execution(Setup(Program(program.image)))
+    execution = Execution(Setup(LinkedProgram(program.image)))
     execution.run(10_000)
     assert [(share.name, share.share) for share in profile_by_function(execution)] == [("(no name)", 1.0)]
     assert profile_by_function(Execution(Setup(program))) == []
 
 
-def test_instructions_around_a_place_begin_at_instructions(program: Program) -> None:
+def test_instructions_around_a_place_begin_at_instructions(program: LinkedProgram) -> None:
     """Around each instruction the lines are those of the whole program's listing, which has long instructions too."""
     whole = {step.address: step.text for step in steps(Execution(Setup(program, lockstep=True)), 10_000)}
     memory = Execution(Setup(program)).core.memory
@@ -210,7 +210,7 @@ def test_what_lies_before_a_place_and_leads_into_it_is_not_shown() -> None:
     assert [(line.address, line.text) for line in lines] == [(0x10004, "ldc r0, 1"), (0x10006, "waiteu")]
 
 
-def test_the_view_has_everything(program: Program, execution: Execution) -> None:
+def test_the_view_has_everything(program: LinkedProgram, execution: Execution) -> None:
     execution.run(10_000)
     text = view(execution)
     core = execution.core
@@ -226,7 +226,7 @@ def test_the_view_has_everything(program: Program, execution: Execution) -> None
     assert last_words(execution) == {PORT: (changed, 5)}
 
 
-def test_the_view_of_threads_that_are_named(program: Program) -> None:
+def test_the_view_of_threads_that_are_named(program: LinkedProgram) -> None:
     execution = Execution(Setup(program))
     execution.run(100)
     assert re.findall(r"^thread (\d) (\w+)", view(execution), re.MULTILINE) == [("0", "paused"), ("1", "running")]
@@ -237,7 +237,7 @@ def test_the_view_of_threads_that_are_named(program: Program) -> None:
     assert "port" not in view(execution)
 
 
-def test_threads_and_cycles_in_words(program: Program) -> None:
+def test_threads_and_cycles_in_words(program: LinkedProgram) -> None:
     execution = Execution(Setup(program))
     execution.run(100)
     waiting, running, *_ = execution.core.threads()
@@ -255,7 +255,7 @@ def test_registers_are_shown_four_in_a_row() -> None:
     assert rows[3] == " cp 0000000c   dp 0000000d   sp 0000000e   lr 0000000f"
 
 
-def test_a_map_from_a_file_gives_the_same_view(program: Program, execution: Execution) -> None:
+def test_a_map_from_a_file_gives_the_same_view(program: LinkedProgram, execution: Execution) -> None:
     execution.run(200)
     other = Execution(Setup(read_map(program.map_text(), program.image), watched=[PORT], lockstep=True))
     other.run(200)

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from phasewire.xs1.assembler import Source, assemble, runtime
+from phasewire.xs1.assembler import AssemblySource, assemble, runtime
 from phasewire.xs1.disassembler import DisassembledLine, disassemble, listing
 from phasewire.xs1.encoding import decode
 from phasewire.xs1.instructions import BY_NAME
@@ -75,7 +75,7 @@ def test_random_code_against_llvm() -> None:
 def test_assembling_the_text_gives_the_same_text() -> None:
     """For random code; bytes may be fewer, because the assembler writes the shortest form."""
     texts = [line.text for line in disassemble(random_code(5_000)) if line.code is not None]
-    program = assemble([Source("a.s", "\n".join(texts))])
+    program = assemble([AssemblySource("a.s", "\n".join(texts))])
     assert [line.text for line in disassemble(program.image[: program.sections[0].size])] == texts
 
 
@@ -84,7 +84,7 @@ def test_assembling_an_instruction_gives_its_bytes() -> None:
     same = 0
     for line in disassemble(random_code(4_000)):
         if line.code is not None:
-            program = assemble([Source("a.s", line.text)])
+            program = assemble([AssemblySource("a.s", line.text)])
             content = program.image[: program.sections[0].size]
             same += content == line.content
             assert content == line.content or has_other_form(line.content, len(content)), line
@@ -102,7 +102,7 @@ def has_other_form(content: bytes, size: int) -> bool:
 
 def test_names_labels_and_targets() -> None:
     """Of a program, in which data are data."""
-    program = assemble([Source("a.s", TEXT)])
+    program = assemble([AssemblySource("a.s", TEXT)])
     lines = disassemble(program)
     assert [(line.address - RAM_BASE, line.text) for line in lines] == [
         (0, "entsp 2"),
@@ -132,7 +132,7 @@ def test_names_labels_and_targets() -> None:
 
 def test_targets_of_long_branches() -> None:
     """They count from the end of 4 bytes."""
-    program = assemble([Source("a.s", "back: bt r0, far\n .space 3000\nfar: bl back\n bu far")])
+    program = assemble([AssemblySource("a.s", "back: bt r0, far\n .space 3000\nfar: bl back\n bu far")])
     lines = [line for line in disassemble(program) if line.code is not None]
     assert [line.text for line in lines] == ["bt r0, far", "bl back", "bu far"]
     assert [len(line.content) for line in lines] == [4, 4, 2]
@@ -140,14 +140,14 @@ def test_targets_of_long_branches() -> None:
 
 def test_listing() -> None:
     """Labels, addresses, bytes and text."""
-    text = listing(disassemble(assemble([Source("a.s", "main: mul r0, r1, r2\n bu main")])))
+    text = listing(disassemble(assemble([AssemblySource("a.s", "main: mul r0, r1, r2\n bu main")])))
     assert text == "main:\n_text:\n   10000  06f8 ec3f    mul r0, r1, r2\n   10004  0377         bu main\n"
     assert listing([]) == ""
 
 
 def test_memory_with_the_names_of_a_program() -> None:
     """As a debugger shows it: other bytes than the program's, at its addresses; or with a map alone."""
-    program = assemble([Source("a.s", TEXT)])
+    program = assemble([AssemblySource("a.s", TEXT)])
     memory = np.zeros(1 << 16, np.uint8)
     memory[: len(program.image)] = np.frombuffer(program.image, np.uint8)
     assert disassemble(memory, RAM_BASE, RAM_BASE + 20, program=program) == disassemble(program)
@@ -176,7 +176,7 @@ def test_an_instruction_cut_off_is_data() -> None:
 @pytest.mark.parametrize("name", sorted(ALL.keys() - {"branches"}))  # entries of .jmptable32 are longer than their text
 def test_a_program_of_clang_can_be_assembled_again(name: str) -> None:
     """Its code, with names, gives the same bytes."""
-    program = assemble([Source("c.s", compiled(ALL[name], "-O2")), Source("stubs.s", STUBS), runtime()])
+    program = assemble([AssemblySource("c.s", compiled(ALL[name], "-O2")), AssemblySource("stubs.s", STUBS), runtime()])
     again = assembled_again(program)
     assert again.image == program.image
 
@@ -187,4 +187,4 @@ def assembled_again(program: LinkedProgram) -> LinkedProgram:
     for name, section in (("cp", ".cp.rodata"), ("dp", ".dp.data"), ("bss", ".dp.bss")):
         part = next(part for part in program.sections if part.name == name)
         parts += [f".section {section}", as_source(disassemble(program, part.address, part.address + part.size))]
-    return assemble([Source("again.s", "\n".join(parts))])
+    return assemble([AssemblySource("again.s", "\n".join(parts))])

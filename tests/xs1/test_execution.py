@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
-from phasewire.xs1.assembler import Source, assemble
+from phasewire.xs1.assembler import AssemblySource, assemble
 from phasewire.xs1.execution import Ending, Execution, Setup, execute, first_cycle
 from phasewire.xs1.names import PORT_IDS
-from phasewire.xs1.program import Program
+from phasewire.xs1.program import LinkedProgram
 
 PORT, LINE = PORT_IDS["32A"], PORT_IDS["1F"]
 
 
-def made(text: str) -> Program:
-    return assemble([Source("t.s", text)])
+def made(text: str) -> LinkedProgram:
+    return assemble([AssemblySource("t.s", text)])
 
 
 COUNTING = """

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from phasewire.xs1.assembler import Source, assemble, runtime
+from phasewire.xs1.assembler import AssemblySource, assemble, runtime
 from phasewire.xs1.core import Core, Stop
 from phasewire.xs1.program import RAM_BASE
 
@@ -54,7 +54,7 @@ def called(calls: Sequence[tuple[str, Sequence[int]]], *others: Source) -> tuple
         words = [f"buffer + {word - 0x5000}" if 0x5000 <= word < 0x5200 else str(word) for word in operands]
         rows.append(f".long {', '.join([*words, '0', '0', '0'][:4])}, {name}")
     text = "\n".join([DRIVER, f"count: .long {len(calls)}", "cases:", *rows])
-    program = assemble([Source("driver.s", text), *others, runtime()])
+    program = assemble([AssemblySource("driver.s", text), *others, runtime()])
     core = Core(program.image)
     assert core.run(4000 * (len(calls) + 10)) == Stop.TRAPPED
     place = program.symbols["cases"] - RAM_BASE
@@ -190,5 +190,5 @@ def test_c_that_uses_it(option: str) -> None:
     kept = [[0] * 9 for _ in range(3)]
     expected = [mixed(a, b, kept) for a, b in pairs]
     calls = [("mixed", (a & WORD, a >> 32, b & WORD, b >> 32)) for a, b in pairs]
-    results, _ = called(calls, Source("c.s", compiled(C, option)))
+    results, _ = called(calls, AssemblySource("c.s", compiled(C, option)))
     assert [low | high << 32 for low, high in results] == expected
