@@ -33,6 +33,7 @@ from phasewire.solver.acoustics.array_files import read_transducers
 from phasewire.solver.archives import read_array, read_arrays
 from phasewire.solver.shapes.point_files import read_points
 from phasewire.storage import FilePath, read_toml
+from phasewire.xs1.assembler import AssemblySource
 
 READERS: dict[str, Callable[[FilePath], object]] = {
     "settings.toml": read_toml,
@@ -58,6 +59,7 @@ READERS: dict[str, Callable[[FilePath], object]] = {
     "private.pem": read_private_key,
     "public.pem": lambda path: read_public_keys([path]),
     "flash.bin": Flash.load,
+    "program.s": AssemblySource.read,
     "cup.stl": read_mesh,
     "cup.obj": read_mesh,
     "cup.ply": read_mesh,
