@@ -25,7 +25,7 @@ def frames(count: int) -> NDArray[np.complex64]:
     """Random drives."""
     random = np.random.default_rng(1)
     drives = random.random((count, CHANNELS)) * np.exp(2j * np.pi * random.random((count, CHANNELS)))
-    return drives.astype(np.complex64)
+    return np.asarray(drives, np.complex64)
 
 
 def taken(work: Callable[[], None], emulator: Emulator) -> float:

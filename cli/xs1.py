@@ -18,12 +18,12 @@ from rich.table import Column, Table
 from ..errors import InputFileError
 from ..signals import loading
 from ..storage import check_outputs, read_file, read_text, replacing
-from ..xs1.assembler import Source, assemble, runtime
+from ..xs1.assembler import AssemblySource, assemble, runtime
 from ..xs1.clang import compile_c
 from ..xs1.disassembler import DisassembledLine, disassemble, listing
 from ..xs1.instructions import REGISTERS
 from ..xs1.names import THREAD_REGISTERS, parse_port, port_name, resource_name
-from ..xs1.program import MEMORY_BYTES, Program, read_map
+from ..xs1.program import CYCLES_PER_SECOND, MEMORY_BYTES, LinkedProgram, read_map
 from .console import JsonOption, among, console_for, write_json
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ commands = typer.Typer(
 MAP_SUFFIX = ".map"
 MOST_MAP_BYTES = 1 << 22
 WORD_BITS = 32
-CYCLES_PER_MS = 400_000
+CYCLES_PER_MS = CYCLES_PER_SECOND // 1000
 MOST_CYCLES = 10**11
 """Of a run: some minutes of the core's time."""
 MOST_STEPS = 1_000_000
@@ -370,7 +370,7 @@ def _integer(text: str) -> int | None:
     return number if -(1 << WORD_BITS - 1) <= number < 1 << WORD_BITS else None
 
 
-def _place(text: str, program: Program) -> int:
+def _place(text: str, program: LinkedProgram) -> int:
     """The address that an option means."""
     if text in program.symbols and text not in program.constants:
         return program.symbols[text]
@@ -385,7 +385,7 @@ def _place(text: str, program: Program) -> int:
     return address
 
 
-def _instruction(text: str, program: Program) -> int:
+def _instruction(text: str, program: LinkedProgram) -> int:
     """The address of an instruction that an option means."""
     address = _place(text, program)
     if address % 2 or address == program.end:
@@ -401,7 +401,7 @@ def _cycles(cycles: int | None, milliseconds: float | None) -> int:
         return cycles
     wanted = 1.0 if milliseconds is None else milliseconds
     if not 1 / CYCLES_PER_MS <= wanted <= MOST_CYCLES / CYCLES_PER_MS:  # also NaN
-        raise ValueError(f"--ms {wanted:g}: it is one cycle, 0.0000025, to {MOST_CYCLES / CYCLES_PER_MS:,.0f}")
+        raise ValueError(f"--ms {wanted:g} ms: give 0.0000025 ms (one cycle) to {MOST_CYCLES / CYCLES_PER_MS:,.0f} ms")
     return round(wanted * CYCLES_PER_MS)
 
 
@@ -412,7 +412,7 @@ def _bounded(text: str, option: str) -> int:
     return int(text)
 
 
-def _registers(texts: Sequence[str] | None, program: Program) -> dict[int, int]:
+def _registers(texts: Sequence[str] | None, program: LinkedProgram) -> dict[int, int]:
     """The registers of thread 0, by number."""
     values = {}
     for text in texts or ():
@@ -584,16 +584,16 @@ def _state_record(execution: Execution) -> dict[str, Any]:
 # Files
 
 
-def _source(path: Path, defines: dict[str, int]) -> Source:
+def _source(path: Path, defines: dict[str, int]) -> AssemblySource:
     match path.suffix.lower():
         case ".s":
-            return Source.read(path)
+            return AssemblySource.read(path)
         case ".c":
             return compile_c(path, defines=defines)
     raise InputFileError(f"{path} is no source; give assembly, FILE.s, or C, FILE.c")
 
 
-def _load(file: Path, map_file: Path | None, outputs: Sequence[str | Path | None]) -> Program:
+def _load(file: Path, map_file: Path | None, outputs: Sequence[str | Path | None]) -> LinkedProgram:
     """The program in a file, with the names of its map if there is one."""
     beside = file.with_suffix(MAP_SUFFIX)
     if map_file is None and beside != file and beside.is_file():
@@ -603,10 +603,5 @@ def _load(file: Path, map_file: Path | None, outputs: Sequence[str | Path | None
     if not image:
         raise InputFileError(f"{file} is empty; a program has 1 to {MEMORY_BYTES} bytes")
     if map_file is None:
-        return Program(image)
-    text = read_text(map_file, MOST_MAP_BYTES)
-    known = read_map(text, file=str(map_file))
-    missing = len(known.image) - len(image)
-    if 0 < missing <= sum(section.size for section in known.sections if section.name == "bss"):
-        image += bytes(missing)  # an image in flash leaves out what begins as 0 at its end
-    return read_map(text, image, file=str(map_file))
+        return LinkedProgram(image)
+    return read_map(read_text(map_file, MOST_MAP_BYTES), image, file=str(map_file))

@@ -1,12 +1,11 @@
 """Builds the chain processors' program: compile, assemble, link, and check that it fits memory, stacks and threads.
 
 Sources are in `firmware/processor`. The assembly that clang makes of the C is kept beside them, so that a build needs
-no clang; each file names the source that it was made from, with a hash. The built image and its map are kept too.
+no clang (`kept`). The built image and its map are kept too.
 """
 
 from __future__ import annotations
 
-import hashlib
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,8 +15,9 @@ from typing import NamedTuple
 
 from ..errors import PhasewireError
 from ..xs1.assembler import AssemblySource, assemble, runtime
-from ..xs1.clang import compile_c, find_clang
-from ..xs1.program import MEMORY_BYTES, RAM_BASE, Program, read_map
+from ..xs1.clang import find_clang
+from ..xs1.program import MEMORY_BYTES, RAM_BASE, LinkedProgram, read_map
+from .kept import KeptAssembly
 
 __all__ = [
     "FIRST_VERSION",
@@ -27,10 +27,14 @@ __all__ = [
     "Stack",
     "budget",
     "build_processor",
+    "c_files",
     "compiled_with",
+    "kept_sources",
     "load_processor",
     "processor_segment",
+    "program_of",
     "stale",
+    "stored",
 ]
 
 FOLDER = Path(__file__).parent / "processor"
@@ -44,16 +48,14 @@ FIRST_VERSION = (0, 1, 0)
 _ASSEMBLY = ("start.s", "events.s", "port.s", "raster.s", "receive.s")
 """The first holds the entry point."""
 _C = ("play.c", "tables.c", "handle.c")
-_HEADERS = ("hardware.h", "processor.h")
 _MOST_THREADS = 4
-_HASH = re.compile(r"^# from (\S+) and headers, sha256 ([0-9a-f]{64})$", re.MULTILINE)
 _IDENT = re.compile(r'\.ident\s+"([^"]*)"')
 _FUNCTION = re.compile(r"^\s*\.cc_top (\S+)\.function,")
 _FRAME = re.compile(r"^\s*(?:entsp|extsp) (\d+)")
 _CALL = re.compile(r"^\s*bl (\S+)")
 _OTHER_CALL = re.compile(r"^\s*bla\b")
 _THREAD = re.compile(r"^\s*bl begin_thread\b", re.MULTILINE)
-_VERSION_BYTES = 3
+_VERSION_SYMBOLS = ("VERSION_MAJOR", "VERSION_MINOR", "VERSION_PATCH")
 
 _MEMORY = {
     "slots": ("slots",),
@@ -109,24 +111,64 @@ class Budget(NamedTuple):
         return "\n".join(rows)
 
 
+def c_files(folder: Path | None = None) -> list[KeptAssembly]:
+    """The program's C, with its kept assembly.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Of other C by the same names.
+    """
+    return [KeptAssembly((folder or FOLDER) / name, GENERATED) for name in _C]
+
+
 def stale() -> list[str]:
     """The sources in C whose kept assembly was made from something else."""
-    return [name for name in _C if _kept_hash(name) != _hash(name)]
+    return [each.source.name for each in c_files() if each.stale]
 
 
 def compiled_with() -> str:
     """The compiler that made the kept assembly, by its own name for itself."""
-    found = _IDENT.search((GENERATED / _assembly_of(_C[0])).read_text(encoding="utf-8"))
+    found = _IDENT.search(c_files()[0].read().text)
     return found[1] if found else "unknown"
 
 
-def build_processor(version: tuple[int, int, int] = FIRST_VERSION, *, compile: bool | None = None) -> Program:
-    """Build the chain processors' program.
+def kept_sources() -> list[AssemblySource]:
+    """The program's sources in assembly, those that clang made included.
+
+    Raises
+    ------
+    BuildError
+        If the kept assembly is older than the C.
+    """
+    if old := stale():
+        raise BuildError(
+            f"the kept assembly of {', '.join(old)} is older than the C; run `python -m phasewire.firmware.build`"
+        )
+    return [*_written(), *(each.read() for each in c_files())]
+
+
+def program_of(sources: Sequence[AssemblySource]) -> LinkedProgram:
+    """Link sources into the chain processors' program; its version is `FIRST_VERSION`.
+
+    Raises
+    ------
+    BuildError
+        If the program does not fit the processor.
+    InputFileError
+        If a source does not assemble.
+    """
+    defines = dict(zip(_VERSION_SYMBOLS, FIRST_VERSION, strict=True))
+    program = assemble([*sources, runtime()], defines=defines)
+    _check(budget(program, sources))
+    return program
+
+
+def build_processor(*, compile: bool | None = None) -> LinkedProgram:
+    """Build the chain processors' program; its version is `FIRST_VERSION`.
 
     Parameters
     ----------
-    version : (int, int, int)
-        That it reports, each 0 to 255.
     compile : bool, optional
         Whether to compile the C; if not, the kept assembly is used. By default it is compiled only if the kept assembly
         is older than the C.
@@ -134,24 +176,21 @@ def build_processor(version: tuple[int, int, int] = FIRST_VERSION, *, compile: b
     Raises
     ------
     BuildError
-        If the kept assembly is older than the C and there is no clang, or if the program does not fit the processor.
+        If the kept assembly is older than the C and is to be used, or if the program does not fit the processor.
+    CompilerMissingError
+        If the C must be compiled and there is no clang.
     InputFileError
         If a source does not compile or assemble.
-    ValueError
-        If the version has other numbers.
     """
-    sources = _sources(bool(stale()) if compile is None else compile)
-    program = assemble([*sources, runtime()], defines=_version_defines(version))
-    _check(program, budget(program, sources))
-    return program
+    if bool(stale()) if compile is None else compile:
+        return program_of([*_written(), *(each.compiled() for each in c_files())])
+    return program_of(kept_sources())
 
 
 @cache
-def load_processor() -> Program:
+def load_processor() -> LinkedProgram:
     """The program that is kept in the repository, with its symbols; its version is `FIRST_VERSION`."""
-    text = MAP.read_text(encoding="utf-8")
-    base, end = (int(found, 16) for found in re.findall(r"^base (\w+) end (\w+)$", text, re.MULTILINE)[0])
-    return read_map(text, IMAGE.read_bytes().ljust(end - base, b"\0"), file=MAP.name)
+    return read_map(MAP.read_text(encoding="utf-8"), IMAGE.read_bytes(), file=MAP.name)
 
 
 def processor_segment(version: tuple[int, int, int]) -> bytes:
@@ -169,21 +208,22 @@ def processor_segment(version: tuple[int, int, int]) -> bytes:
     ValueError
         If the version has other numbers.
     """
-    _version_defines(version)
+    if len(version) != len(FIRST_VERSION) or not all(0 <= number <= 255 for number in version):
+        raise ValueError(f"a version is three numbers of 0 to 255, such as (1, 2, 3); not {version}")
     program = load_processor()
-    image = bytearray(_stored(program))
+    image = bytearray(stored(program))
     at = program.symbols["firmware_version"] - RAM_BASE
-    image[at : at + _VERSION_BYTES] = bytes(version)
+    image[at : at + len(version)] = bytes(version)
     return bytes(image)
 
 
-def budget(program: Program, sources: Sequence[AssemblySource] | None = None) -> Budget:
+def budget(program: LinkedProgram, sources: Sequence[AssemblySource] | None = None) -> Budget:
     """What a program takes of a processor.
 
     Parameters
     ----------
-    program : Program
-    sources : sequence of Source, optional
+    program : LinkedProgram
+    sources : sequence of AssemblySource, optional
         What it was linked from; the kept ones by default.
 
     Raises
@@ -191,7 +231,7 @@ def budget(program: Program, sources: Sequence[AssemblySource] | None = None) ->
     BuildError
         If functions call themselves, or by their address, so that their stack has no limit that can be found.
     """
-    sources = _sources(compile=False) if sources is None else sources
+    sources = kept_sources() if sources is None else sources
     frames, calls = _functions([*sources, runtime()])
     stacks = []
     for thread, symbol in _STACKS.items():
@@ -207,7 +247,7 @@ def budget(program: Program, sources: Sequence[AssemblySource] | None = None) ->
     return Budget(tuple(memory), tuple(stacks), 1 + len(_THREAD.findall("\n".join(source.text for source in sources))))
 
 
-def _check(program: Program, found: Budget) -> None:
+def _check(found: Budget) -> None:
     for stack in found.stacks:
         if stack.needs > stack.has:
             raise BuildError(
@@ -216,57 +256,11 @@ def _check(program: Program, found: Budget) -> None:
             )
     if found.threads > _MOST_THREADS:
         raise BuildError(f"the program starts {found.threads} threads; more than {_MOST_THREADS} slow each other down")
-    if program.end > RAM_BASE + MEMORY_BYTES:
-        raise BuildError(f"the program takes {program.end - RAM_BASE} bytes; a processor has {MEMORY_BYTES}")
 
 
-def _version_defines(version: tuple[int, int, int]) -> dict[str, int]:
-    if len(version) != _VERSION_BYTES or not all(0 <= number <= 255 for number in version):
-        raise ValueError(f"a version is three numbers of 0 to 255, such as (1, 2, 3); not {version}")
-    return dict(zip(("VERSION_MAJOR", "VERSION_MINOR", "VERSION_PATCH"), version, strict=True))
-
-
-def _sources(compile: bool) -> list[AssemblySource]:
-    made = [AssemblySource.read(FOLDER / name) for name in _ASSEMBLY]
-    if compile:
-        if find_clang() is None:
-            raise BuildError(
-                f"the kept assembly of {', '.join(stale()) or 'the C'} cannot be made anew: no clang with the target "
-                "xcore is installed; install clang, or take back the change"
-            )
-        return made + [_compiled(name) for name in _C]
-    if old := stale():
-        raise BuildError(
-            f"the kept assembly of {', '.join(old)} is older than the C; run `python -m phasewire.firmware.build`"
-        )
-    return made + [AssemblySource.read(GENERATED / _assembly_of(name)) for name in _C]
-
-
-def _compiled(name: str) -> AssemblySource:
-    made = compile_c(FOLDER / name)
-    lines = [line.rstrip() for line in made.text.splitlines() if not line.strip().startswith((".file", "#APP", "#NO_"))]
-    head = f"# Made by clang; do not edit.\n# from {name} and headers, sha256 {_hash(name)}\n"
-    return AssemblySource(_assembly_of(name), head + "\n".join(lines) + "\n")
-
-
-def _assembly_of(name: str) -> str:
-    return str(Path(name).with_suffix(".s"))
-
-
-def _hash(name: str) -> str:
-    """Of a source and what it includes."""
-    digest = hashlib.sha256()
-    for each in (name, *_HEADERS):
-        digest.update((FOLDER / each).read_bytes())
-    return digest.hexdigest()
-
-
-def _kept_hash(name: str) -> str:
-    path = GENERATED / _assembly_of(name)
-    if not path.exists():
-        return ""
-    found = _HASH.search(path.read_text(encoding="utf-8"))
-    return found[2] if found else ""
+def _written() -> list[AssemblySource]:
+    """The sources that are written in assembly."""
+    return [AssemblySource.read(FOLDER / name) for name in _ASSEMBLY]
 
 
 def _functions(sources: Sequence[AssemblySource]) -> tuple[dict[str, int], dict[str, set[str]]]:
@@ -281,7 +275,10 @@ def _functions(sources: Sequence[AssemblySource]) -> tuple[dict[str, int], dict[
         elif found := _CALL.match(line):
             calls[name].add(found[1])
         elif _OTHER_CALL.match(line):
-            raise BuildError(f"function {name} calls by an address ({line.strip()}): nobody knows the stack that takes")
+            raise BuildError(
+                f"function {name} calls by an address ({line.strip()}); its need of "
+                "stack cannot be computed; call the function by its name"
+            )
     return frames, calls
 
 
@@ -304,15 +301,15 @@ def _depth(name: str, frames: Mapping[str, int], calls: Mapping[str, set[str]], 
     return frames[name] + deepest
 
 
-def _size(program: Program, symbol: str) -> int:
+def _size(program: LinkedProgram, symbol: str) -> int:
     """From a symbol to the next one or the end of its section."""
     address = program.symbols[symbol]
     later = [value for name, value in program.symbols.items() if value > address and name not in program.constants]
     return min([*later, program.end]) - address
 
 
-def _stored(program: Program) -> bytes:
-    """The image without the data that begin as 0."""
+def stored(program: LinkedProgram) -> bytes:
+    """The image of a program without the data that begin as 0."""
     begins = next((section.address for section in program.sections if section.name == "bss"), program.end)
     return program.image[: begins - program.base]
 
@@ -320,15 +317,14 @@ def _stored(program: Program) -> bytes:
 def main() -> None:
     """Compile the C if there is a clang, and write the kept assembly, the image and its map; print the budget."""
     if find_clang() is not None:
-        GENERATED.mkdir(exist_ok=True)
-        for name in _C:
-            made = _compiled(name)
-            (GENERATED / made.name).write_text(made.text, encoding="utf-8")
-    program = build_processor(compile=False)
-    IMAGE.write_bytes(_stored(program))
+        for each in c_files():
+            each.keep()
+    sources = kept_sources()
+    program = program_of(sources)
+    IMAGE.write_bytes(stored(program))
     MAP.write_text(program.map_text(), encoding="utf-8")
     load_processor.cache_clear()
-    sys.stdout.write(budget(program).text() + "\n")
+    sys.stdout.write(budget(program, sources).text() + "\n")
 
 
 if __name__ == "__main__":

@@ -25,8 +25,8 @@ from ..protocol.codes import Target
 from ..protocol.firmware import Image, Segment
 from ..protocol.firmware import build as build_file
 from ..protocol.versions import Version
-from ..xs1.assembler import AssemblySource, assemble, runtime
-from ..xs1.clang import compile_c, find_clang
+from ..xs1.assembler import AssemblySource
+from ..xs1.clang import find_clang
 from .texts import TextMutant, TextOutcome, judge_all, read_text_mutants, run_cases
 
 __all__ = ["broken_image", "broken_sources", "judge_processors", "known_mutants", "needs_clang"]
@@ -62,15 +62,14 @@ def broken_sources(mutant: TextMutant, folder: Path) -> list[AssemblySource]:
         If the source does not compile with it.
     """
     text = mutant.broken((build.FOLDER / mutant.file).read_text("utf-8"))
-    made = {mutant.file: AssemblySource(mutant.file, text)}
+    made = [AssemblySource(mutant.file, text)]
     if needs_clang(mutant):
-        for name in (*build._HEADERS, *build._C):
-            (folder / name).write_bytes((build.FOLDER / name).read_bytes())
+        for path in build.FOLDER.glob("*.[ch]"):
+            (folder / path.name).write_bytes(path.read_bytes())
         (folder / mutant.file).write_text(text, "utf-8")
-        changed = [name for name in build._C if mutant.file in (name, *build._HEADERS)]
-        compiled = [compile_c(folder / name)._replace(name=build._assembly_of(name)) for name in changed]
-        made = {source.name: source for source in compiled}
-    return [made.get(source.name, source) for source in build._sources(compile=False)]
+        made = [each.compiled() for each in build.c_files(folder) if each.stale]
+    by_name = {source.name: source for source in made}
+    return [by_name.get(source.name, source) for source in build.kept_sources()]
 
 
 def broken_image(sources: Sequence[AssemblySource]) -> Image:
@@ -86,10 +85,8 @@ def broken_image(sources: Sequence[AssemblySource]) -> Image:
     BuildError, InputFileError
         If the build refuses the program.
     """
-    program = assemble([*sources, runtime()], defines=build._version_defines(build.FIRST_VERSION))
-    build._check(program, build.budget(program, sources))
     segments = (
-        Segment(Target.ALL_PROCESSORS, build._stored(program)),
+        Segment(Target.ALL_PROCESSORS, build.stored(build.program_of(sources))),
         Segment(Target.CONTROLLER, CONTROLLER_STAND_IN),
     )
     return Image(Version(*build.FIRST_VERSION), segments)

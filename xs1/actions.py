@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from .channels import absorb, clear, poke, room_after, send, take, token_at, word_after, word_is_there
+from .compiled import part
 from .ports import attach, drained_after, input_after, input_is_ready, output_after, restart, touch, update
 from .resources import (
     disable,
@@ -176,7 +177,6 @@ from .state import (
     WHY,
     WIDTH,
     codes,
-    part,
 )
 
 __all__ = ["act"]
@@ -472,11 +472,13 @@ def _configure(s: Any, regs: Any, pins: Any, log: Any, e: int, value: int, t: in
         own(s, e, t)
     mode, setting = value & 7, value >> 3
     if mode == 1:  # COND
-        if e < CHANNEL_0:
+        if e < CHANNEL_0 and setting <= LATER:
             s[TIMER + e * TIMER_ROW + AFTER] = setting
-            return setting <= LATER
-        s[b + CONDITION] = setting
-        return is_port and setting <= 3 and setting != LATER
+            return True
+        if is_port and setting <= 3 and setting != LATER:
+            s[b + CONDITION] = setting
+            return True
+        return False
     if mode == 2:  # IE_MODE
         if e >= EVENTABLE or setting > 1:
             return False
@@ -504,14 +506,18 @@ def _configure(s: Any, regs: Any, pins: Any, log: Any, e: int, value: int, t: in
                 poke(s, PORT_0 + q, now)
         return True
     if kind == 2 and setting < 2 and is_port:  # BUF
+        if setting == 0 and s[b + TRANSFER_WIDTH] != s[b + WIDTH]:
+            return False
         s[b + BUFFERED] = setting
-        return setting == 1 or s[b + TRANSFER_WIDTH] == s[b + WIDTH]
+        return True
     if kind == 4 and setting < 2 and is_port:  # SDELAY
         s[b + FALLING] = setting
         return True
     if kind == 6 and setting < 2 and is_port:  # INV
+        if setting == 1 and s[b + WIDTH] != 1:
+            return False
         s[b + INVERTED] = setting
-        return setting == 0 or s[b + WIDTH] == 1
+        return True
     if kind == 7 and is_port:  # PIN_DELAY
         return setting <= 5
     if (kind == 8 or kind == 9) and is_clock:  # FALL_DELAY, RISE_DELAY

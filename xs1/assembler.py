@@ -1,4 +1,4 @@
-"""Assembles and links sources of assembly, written by hand or by clang, into a `Program`.
+"""Assembles and links sources of assembly, written by hand or by clang, into a `LinkedProgram`.
 
 Code comes first in memory, in the order of the sources, so that the first source begins with the entry point; then
 constants, data, and data that begin as 0. Code is padded with ``mov r0, r0``. The linker defines ``_text``, ``_cp``,
@@ -22,9 +22,9 @@ from typing import NamedTuple
 from ..storage import FilePath, read_text
 from .linking import link
 from .parsing import parse
-from .program import RAM_BASE, Program
+from .program import RAM_BASE, LinkedProgram
 
-__all__ = ["RUNTIME", "AssemblySource", "Source", "assemble", "runtime"]
+__all__ = ["RUNTIME", "AssemblySource", "assemble", "runtime"]
 
 RUNTIME = Path(__file__).with_name("runtime.s")
 """Functions that clang calls: for numbers of 64 bits, and for memory."""
@@ -54,16 +54,14 @@ class AssemblySource(NamedTuple):
         return cls(Path(path).name, read_text(path, _MOST_BYTES), library)
 
 
-Source = AssemblySource
-"""A short name, for modules that know no other sources."""
-
-
-def assemble(sources: Sequence[Source], *, base: int = RAM_BASE, defines: Mapping[str, int] | None = None) -> Program:
+def assemble(
+    sources: Sequence[AssemblySource], *, base: int = RAM_BASE, defines: Mapping[str, int] | None = None
+) -> LinkedProgram:
     """Assemble and link.
 
     Parameters
     ----------
-    sources : sequence of Source
+    sources : sequence of AssemblySource
         The program begins with the first. The runtime library is not added by itself: give `runtime()`.
     base : int
         The address of the first byte, a multiple of 4.
@@ -72,7 +70,7 @@ def assemble(sources: Sequence[Source], *, base: int = RAM_BASE, defines: Mappin
 
     Returns
     -------
-    Program
+    LinkedProgram
 
     Raises
     ------
@@ -90,6 +88,6 @@ def assemble(sources: Sequence[Source], *, base: int = RAM_BASE, defines: Mappin
     return link(objects, base=base, defines=defines, errors=errors)
 
 
-def runtime() -> Source:
+def runtime() -> AssemblySource:
     """The runtime library."""
-    return Source.read(RUNTIME, library=True)
+    return AssemblySource.read(RUNTIME, library=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from .compiled import part
 from .state import (
     BEGAN,
     BUFFER,
@@ -59,7 +60,6 @@ from .state import (
     TYPE_CHANNEL,
     USED,
     WHY,
-    part,
 )
 
 __all__ = [

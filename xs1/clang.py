@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -37,7 +37,9 @@ def find_clang() -> str | None:
     return None
 
 
-def compile_c(path: FilePath, *, defines: Mapping[str, int] | None = None) -> AssemblySource:
+def compile_c(
+    path: FilePath, *, defines: Mapping[str, int] | None = None, options: Sequence[str] = ()
+) -> AssemblySource:
     """Compile a file of C.
 
     Parameters
@@ -46,10 +48,12 @@ def compile_c(path: FilePath, *, defines: Mapping[str, int] | None = None) -> As
         The file; what it includes in quotes is looked for beside it.
     defines : mapping, optional
         Numbers that the preprocessor knows by name.
+    options : sequence of str
+        Further options of clang.
 
     Returns
     -------
-    Source
+    AssemblySource
         Assembly by the name of the file.
 
     Raises
@@ -71,7 +75,7 @@ def compile_c(path: FilePath, *, defines: Mapping[str, int] | None = None) -> As
         )
     given = [f"-D{name}={value}" for name, value in (defines or {}).items()]
     ended = subprocess.run(
-        [clang, *_OPTIONS, *given, str(path), "-o", "-"],
+        [clang, *_OPTIONS, *options, *given, str(path), "-o", "-"],
         capture_output=True,
         text=True,
         errors="replace",

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from .inbox import enqueue
 from .instructions import BY_NAME
 from .kernels import run
-from .names import port_name
+from .names import EXCEPTIONS, port_name
 from .predecoding import predecode
-from .resources import find
+from .resources import find_port
 from .state import (
     AHEAD,
     BEGAN,
@@ -135,13 +135,7 @@ from .state import (
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["EXCEPTIONS", "Core", "Sent", "Stop", "ThreadView", "Trap"]
-
-EXCEPTIONS = (
-    "none", "link error", "illegal pc", "illegal instruction", "illegal resource", "load or store", "illegal ps",
-    "arithmetic", "ecall", "resource dependency", *5 * ("reserved",), "kcall",
-)  # fmt: skip
-"""Names of the types of exceptions."""
+__all__ = ["Core", "Sent", "Stop", "ThreadView", "Trap"]
 
 _REASONS = {
     FOR_EVENT: "an event",
@@ -173,6 +167,11 @@ _LOG = 1 << 16
 _CHUNK = 64  # half words that are decoded at once
 
 
+MOST_CYCLES = 1 << 46
+"""Of 2.5 ns: two days. Times of tokens lie in 48 bits."""
+_plain_find_port: Any = find_port.py_func  # type: ignore[attr-defined]  # not compiled anew in each process
+
+
 class Stop(Enum):
     """Why `Core.run` returned."""
 
@@ -195,7 +194,8 @@ class Sent(NamedTuple):
     destination : int
         Identifier of the resource that it is sent to.
     tokens : (n,) uint16
-        Control tokens have bit 8 set. The last one is END, or PAUSE, which does not arrive.
+        Control tokens have bit 8 set. The last one is END, or PAUSE, which does not arrive. A message of more than 4092
+        tokens comes in pieces; only the last ends so.
     begins, ends : int
         Cycles at which the first token was sent and the last one has left.
     """
@@ -214,7 +214,7 @@ class Trap(NamedTuple):
     ----------
     thread : int
     type : int
-        `EXCEPTIONS` has names.
+        `names.EXCEPTIONS` has names.
     data : int
     pc : int
         Address of the instruction.
@@ -394,6 +394,8 @@ class Core:
 
     @link_cycles_per_token.setter
     def link_cycles_per_token(self, cycles: int) -> None:
+        if cycles < 1:
+            raise ValueError(f"a token takes {cycles} cycles; it must be 1 or more")
         self._state[LINK_CYCLES] = cycles
 
     def run(self, until: int) -> Stop:
@@ -409,6 +411,8 @@ class Core:
             REACHED; MESSAGE, if a message is complete (`take_messages`); TRAPPED, if an exception has no handler
             (`trap`): its thread stays where it is, and the others may go on; LOG_FULL, if `port_log` must be called.
         """
+        if not until < MOST_CYCLES:
+            raise ValueError(f"until is cycle {until}; it must be below 2^46")
         s = self._state
         while True:
             result = run(
@@ -430,6 +434,20 @@ class Core:
         self._messages.append(Sent(channel_end, int(row[DESTINATION]), tokens, int(row[BEGAN]), int(row[LEFT])))
         row[OUTBOX_END] = 0
 
+    def earliest_delivery(self, channel_end: int) -> int:
+        """The first cycle at which a token may be delivered to a channel end: after all that has been.
+
+        Raises
+        ------
+        ValueError
+            If there is no such channel end.
+        """
+        if not 0 <= channel_end < CHANNEL_ENDS:
+            raise ValueError(f"channel end {channel_end} does not exist; there are 0 to 31")
+        row = self._state[CHANNEL + channel_end * CHANNEL_ROW :][:CHANNEL_ROW]
+        waits = row[INBOX_END] > row[INBOX_FIRST]
+        return max(self.cycle + 1, int(self._inbox[channel_end, row[INBOX_END] - 1]) >> 16 if waits else 0)
+
     def deliver(self, channel_end: int, tokens: ArrayLike, cycles: ArrayLike) -> None:
         """Give tokens to a channel end from outside.
 
@@ -446,8 +464,7 @@ class Core:
         ValueError
             If the cycles are not in order, or have passed.
         """
-        if not 0 <= channel_end < CHANNEL_ENDS:
-            raise ValueError(f"channel end {channel_end} does not exist; there are 0 to 31")
+        latest = self.earliest_delivery(channel_end)
         given, times = np.atleast_1d(np.asarray(tokens, np.int64)), np.atleast_1d(np.asarray(cycles, np.int64))
         if given.shape != times.shape or given.ndim != 1:
             raise ValueError(f"{given.size} tokens have {times.size} cycles; each needs one")
@@ -455,8 +472,7 @@ class Core:
             return
         row = self._state[CHANNEL + channel_end * CHANNEL_ROW :][:CHANNEL_ROW]
         first, end = int(row[INBOX_FIRST]), int(row[INBOX_END])
-        latest = max(self.cycle + 1, int(self._inbox[channel_end, end - 1]) >> 16 if end > first else 0)
-        if times[0] < latest or (np.diff(times) < 0).any():
+        if times[0] < latest or (np.diff(times) < 0).any() or times[-1] >= MOST_CYCLES:
             raise ValueError(
                 f"tokens come in cycles {times[0]} to {times[-1]}; they must be in order, from {latest} on"
             )
@@ -488,7 +504,12 @@ class Core:
             As `deliver`.
         """
         count = len(tokens)
-        if enqueue(self._state, self._inbox, int(channel_end), tokens, int(last) - (count - 1) * step, step) != count:
+        if (
+            step < 1
+            or last >= MOST_CYCLES
+            or enqueue(self._state, self._inbox, int(channel_end), tokens, int(last) - (count - 1) * step, step)
+            != count
+        ):
             self.deliver(channel_end, tokens, last - np.arange(count - 1, -1, -1) * step)
 
     def take_messages(self) -> list[Sent]:
@@ -516,7 +537,7 @@ class Core:
         row = self._port_row(number)
         first, end = int(row[PINS_FIRST]), int(row[PINS_END])
         earliest = max(self.cycle + 1, int(self._pins[number, end - 1, 0]) if end > first else 0)
-        if cycle < earliest:
+        if not earliest <= cycle < MOST_CYCLES:
             raise ValueError(f"port 0x{port:x} is driven from cycle {cycle} on; it must be {earliest} or later")
         if end == self._pins.shape[1]:
             clocks = self._state[CLOCK : CLOCK + CLOCKS * CLOCK_ROW].reshape(CLOCKS, CLOCK_ROW)
@@ -581,6 +602,8 @@ class Core:
         (24,) uint32
             A view: r0 to r11, cp, dp, sp, lr, then sr, ssr, spc, sed, et, ed, kep, ksp.
         """
+        if not 0 <= thread < THREADS:
+            raise ValueError(f"thread {thread} does not exist; there are 0 to {THREADS - 1}")
         return self._registers[thread * REGISTER_ROW :][: SR + 8]
 
     def threads(self) -> list[ThreadView]:
@@ -629,7 +652,7 @@ class Core:
         self._marks[first // 2 : (end + 2) // 2] = 1
 
     def _port(self, identifier: int) -> int:
-        number = int(find(identifier)) - PORT_0
+        number = int(_plain_find_port(identifier))
         if not 0 <= number < PORTS:
             raise ValueError(f"0x{identifier:x} is no port; port 32A is 0x200000")
         return number

@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .core import EXCEPTIONS, Core, ThreadView
 from .disassembler import DisassembledLine, disassemble
 from .encoding import decode
-from .execution import CORE_CYCLES_PER_SECOND, Execution
 from .instructions import BY_NAME
-from .kernels import DIVISION
-from .names import THREAD_REGISTERS, port_name
-from .program import MEMORY_BYTES, RAM_BASE, Program
+from .names import EXCEPTIONS, THREAD_REGISTERS, port_name
+from .program import CYCLES_PER_SECOND, MEMORY_BYTES, RAM_BASE, LinkedProgram
+from .state import DIVISION
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from .core import Core, ThreadView
+    from .execution import Execution
 
 __all__ = [
     "FunctionShare",
@@ -87,11 +88,11 @@ class FunctionShare(NamedTuple):
 
 
 def describe_cycle(cycle: int) -> str:
-    """A cycle with its time: ``cycle 4,000 (10.000 µs)``."""
-    return f"cycle {cycle:,} ({cycle / CORE_CYCLES_PER_SECOND * 1e6:,.4f} µs)"
+    """A cycle with its time: ``cycle 4,000 (10.0000 µs)``."""
+    return f"cycle {cycle:,} ({cycle / CYCLES_PER_SECOND * 1e6:,.4f} µs)"
 
 
-def describe_thread(thread: ThreadView, program: Program) -> str:
+def describe_thread(thread: ThreadView, program: LinkedProgram) -> str:
     """What a thread does, in words."""
     text = f"thread {thread.number} {thread.state} at {program.describe(thread.pc)}"
     if thread.waits_for:
@@ -118,7 +119,7 @@ def registers_text(registers: NDArray[np.uint32]) -> str:
 
 
 def around(
-    memory: NDArray[np.uint8], program: Program, address: int, *, before: int = 4, after: int = 4
+    memory: NDArray[np.uint8], program: LinkedProgram, address: int, *, before: int = 4, after: int = 4
 ) -> list[DisassembledLine]:
     """Instructions around an address.
 
@@ -126,7 +127,7 @@ def around(
     ----------
     memory : (65536,) uint8
         As it is now.
-    program : Program
+    program : LinkedProgram
         For names.
     address : int
         Of the instruction in the middle.
@@ -262,7 +263,7 @@ def _thread_of(before: Sequence[ThreadView], after: Sequence[ThreadView], addres
     return max(moved, key=likeness, default=0)
 
 
-def _text(core: Core, program: Program, address: int) -> str:
+def _text(core: Core, program: LinkedProgram, address: int) -> str:
     """The instruction at an address, as memory is now."""
     place = address - RAM_BASE
     if address % 2 or not 0 <= place < MEMORY_BYTES:
@@ -290,7 +291,7 @@ def profile_by_function(execution: Execution) -> list[FunctionShare]:
     return sorted(shares, key=lambda share: (-share.slots, share.name))
 
 
-def _function_name(program: Program, address: int) -> str:
+def _function_name(program: LinkedProgram, address: int) -> str:
     if (function := program.function_at(address)) is not None:
         return function.name
     name, _, offset = program.describe(address).rpartition("+0x")

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 from .encoding import Decoded, decode
-from .program import RAM_BASE, Program
+from .program import RAM_BASE, LinkedProgram
 from .syntax import is_branch, render
 
 if TYPE_CHECKING:
@@ -45,24 +45,24 @@ class DisassembledLine(NamedTuple):
 
 
 def disassemble(
-    memory: Program | bytes | NDArray[np.uint8],
+    memory: LinkedProgram | bytes | NDArray[np.uint8],
     start: int | None = None,
     stop: int | None = None,
     *,
     base: int = RAM_BASE,
-    program: Program | None = None,
+    program: LinkedProgram | None = None,
 ) -> list[DisassembledLine]:
     """Disassemble from one address up to another.
 
     Parameters
     ----------
-    memory : Program or bytes or (n,) uint8
+    memory : LinkedProgram or bytes or (n,) uint8
     start, stop : int, optional
         Even addresses; by default of the program's code or of the whole memory. An instruction that begins before
         `stop` is whole in the result.
     base : int
         The address of the memory's first byte; a program brings its own.
-    program : Program, optional
+    program : LinkedProgram, optional
         Gives names to addresses, and tells which bytes are data, for a memory that was loaded with it.
 
     Returns
@@ -74,12 +74,12 @@ def disassemble(
     ValueError
         If the addresses are odd or not in the memory.
     """
-    if isinstance(memory, Program):
+    if isinstance(memory, LinkedProgram):
         program, base = memory, memory.base
         text = program.sections[0] if program.sections else None
         start = start if start is not None else text.address if text else base
         stop = stop if stop is not None else text.address + text.size if text else program.end
-    content = memory.image if isinstance(memory, Program) else bytes(memory)
+    content = memory.image if isinstance(memory, LinkedProgram) else bytes(memory)
     start, stop = base if start is None else start, base + len(content) if stop is None else stop
     if start % 2 or not base <= start <= stop <= base + len(content):
         raise ValueError(
@@ -102,7 +102,7 @@ def listing(lines: Iterable[DisassembledLine]) -> str:
     return "\n".join(rows) + "\n" * bool(rows)
 
 
-def _line(content: bytes, base: int, address: int, stop: int, program: Program | None) -> DisassembledLine:
+def _line(content: bytes, base: int, address: int, stop: int, program: LinkedProgram | None) -> DisassembledLine:
     """The line at an address."""
     place = address - base
     labels = tuple(program.names_at(address)) if program else ()
@@ -120,11 +120,11 @@ def _line(content: bytes, base: int, address: int, stop: int, program: Program |
     return DisassembledLine(address, content[place : place + decoded.size], text, labels, decoded.code, target)
 
 
-def _is_code(program: Program, address: int) -> bool:
+def _is_code(program: LinkedProgram, address: int) -> bool:
     return not program.code or any(first <= address < last for first, last in program.code)
 
 
-def _data_size(program: Program | None, address: int) -> int:
+def _data_size(program: LinkedProgram | None, address: int) -> int:
     """Up to a word, but not beyond a symbol or the begin of code."""
     if program is None:
         return 2
@@ -142,7 +142,7 @@ def _data(part: bytes) -> str:
     return f"{directive} 0x{int.from_bytes(part, 'little'):0{2 * len(part)}x}"
 
 
-def _target(decoded: Decoded, address: int, program: Program | None) -> tuple[int | None, str]:
+def _target(decoded: Decoded, address: int, program: LinkedProgram | None) -> tuple[int | None, str]:
     """The address that an instruction means, and its text."""
     target = None
     if is_branch(decoded.code):

@@ -14,19 +14,16 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from .core import Core, Sent, Stop
-from .program import RAM_BASE, Program
-from .switch import SWITCH_CONFIGURATION, UNNUMBERED, Switch
+from .program import RAM_BASE, LinkedProgram
+from .switch import SWITCH_CONFIGURATION, UNNUMBERED, Switch, serve
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["CORE_CYCLES_PER_SECOND", "Ending", "Execution", "Outcome", "Setup", "execute", "first_cycle"]
-
-CORE_CYCLES_PER_SECOND = 400_000_000
+__all__ = ["Ending", "Execution", "Outcome", "Setup", "execute", "first_cycle"]
 
 _FIRST_CHUNK, _CHUNK = 1 << 12, 1 << 22  # cycles between two looks, at which Ctrl-C is heard too
 _PARTS = 16
-_SWITCH_CYCLES = 40  # from a control message to the answer; not published
 _MOST_CHANGES = 1 << 22
 _MOST_MESSAGES = 1 << 16
 
@@ -37,7 +34,7 @@ class Setup:
 
     Parameters
     ----------
-    program : Program
+    program : LinkedProgram
     registers : mapping
         Of thread 0 at the beginning, by number: 0 to 11 are r0 to r11, 12 to 15 cp, dp, sp and lr.
     inputs : sequence of (int, int, int)
@@ -49,7 +46,7 @@ class Setup:
         Both as `Core` has them.
     """
 
-    program: Program
+    program: LinkedProgram
     registers: Mapping[int, int] = field(default_factory=dict)
     inputs: Sequence[tuple[int, int, int]] = ()
     watched: Sequence[int] = ()
@@ -142,11 +139,7 @@ class Execution:
                 raise ValueError(f"the program sends more than {_MOST_MESSAGES:,} messages; execute fewer cycles")
             self.messages.append(sent)
             return
-        reply = self._switch.answer(sent.tokens)
-        self.core.set_node(self._switch.node)
-        if reply is not None:
-            at = np.full(len(reply.tokens), max(sent.ends, self.core.cycle) + _SWITCH_CYCLES, np.int64)
-            self.core.deliver(reply.destination >> 8 & 0x1F, reply.tokens, at)
+        serve(self.core, self._switch, sent)
 
 
 class Ending(Enum):

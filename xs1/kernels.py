@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ..compiling import kernel as _kernel
 from .actions import act
+from .compiled import kernel, part
 from .instructions import BY_NAME, INSTRUCTIONS, Effect
 from .ports import bring_up, free_after, update
 from .resources import due_event, enter, find_port, pause, slot, take_event, wake
@@ -25,6 +25,7 @@ from .state import (
     COUNT,
     CP,
     CYCLE,
+    DIVISION,
     DONE,
     DP,
     EEBLE,
@@ -55,7 +56,6 @@ from .state import (
     NEXT,
     NOT_DECODED,
     ON,
-    OPTIONS,
     OUTSIDE_RAM,
     OWNER,
     PAUSE,
@@ -91,9 +91,7 @@ from .state import (
     USED_THREADS,
     WATCHED,
     WHY,
-    Function,
     codes,
-    part,
 )
 
 __all__ = ["flush", "run"]
@@ -106,9 +104,6 @@ ACCESSES = np.zeros(256, np.bool_)
 """Of each code whether it accesses memory, so that no instructions can be fetched at that time."""
 ACCESSES[[code for code, i in enumerate(INSTRUCTIONS) if i.effect in (Effect.LOAD, Effect.STORE)]] = True
 ACCESSES[[BY_NAME[name] for name in ("retsp", "blat", "blacp")]] = True
-
-DIVISION = 32
-"""A division issues this many times as slowly as other instructions."""
 
 STWI, LDWI, ADD, SUB, SHL, SHR, EQ, AND = codes("stwi ldwi add sub shl shr eq and")
 OR, LDW, LD16S, LD8U, ADDI, SUBI, SHLI, SHRI, EQI = codes("or ldw ld16s ld8u addi subi shli shri eqi")
@@ -182,10 +177,6 @@ def _high_product(a: int, b: int) -> tuple[int, int]:
     return high >> 16, (high & 0xFFFF) << 16 | low & 0xFFFF
 
 
-def _run(function: Function) -> Function:
-    return _kernel(function, **OPTIONS)
-
-
 @part
 def flush(s: Any, regs: Any, pins: Any, log: Any, now: int) -> None:
     """Bring watched ports up to a cycle, so that the log is complete."""
@@ -194,7 +185,7 @@ def flush(s: Any, regs: Any, pins: Any, log: Any, now: int) -> None:
             update(s, regs, pins, log, p, now)
 
 
-@_run
+@kernel
 def run(
     s: Any, regs: Any, bytes_: Any, halves: Any, words: Any, code: Any, marks: Any, processor: Any, inbox: Any,
     outbox: Any, pins: Any, log: Any, profile: Any, until: int,

@@ -29,7 +29,7 @@ from .parsing import (
     Space,
     SymbolicCode,
 )
-from .program import MEMORY_BYTES, Function, Line, Program, Section
+from .program import MEMORY_BYTES, Function, Line, LinkedProgram, Section
 
 __all__ = ["MOST_ERRORS", "link"]
 
@@ -57,7 +57,7 @@ class _Encoded(NamedTuple):
     size: int
 
 
-def link(objects: Sequence[Object], *, base: int, defines: Mapping[str, int], errors: list[str]) -> Program:
+def link(objects: Sequence[Object], *, base: int, defines: Mapping[str, int], errors: list[str]) -> LinkedProgram:
     """Link parsed sources.
 
     Parameters
@@ -443,7 +443,7 @@ class _Linker:
             return otherwise
         return otherwise if addresses else number
 
-    def program(self, image: bytes) -> Program:
+    def program(self, image: bytes) -> LinkedProgram:
         """Everything together."""
         symbols, constants = self.symbols()
         code, lines = [], []
@@ -457,7 +457,7 @@ class _Linker:
         for name, parts in _LINKER_SECTIONS.items():
             first, last = self.ranges[parts[0]][0], self.ranges[parts[-1]][1]
             sections.append(Section(name, first, last - first))
-        return Program(
+        return LinkedProgram(
             image,
             self.base,
             symbols,

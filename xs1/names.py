@@ -24,7 +24,13 @@ from .state import (
     TYPE_TIMER,
 )
 
-__all__ = ["PORT_IDS", "THREAD_REGISTERS", "parse_port", "port_name", "resource_name"]
+__all__ = ["EXCEPTIONS", "PORT_IDS", "THREAD_REGISTERS", "parse_port", "port_name", "resource_name"]
+
+EXCEPTIONS = (
+    "none", "link error", "illegal pc", "illegal instruction", "illegal resource", "load or store", "illegal ps",
+    "arithmetic", "ecall", "resource dependency", *5 * ("reserved",), "kcall",
+)  # fmt: skip
+"""Names of the types of exceptions."""
 
 _NUMBERS = {  # by width, in the order of the letters from A
     1: (2, 0, 1, 3, 6, 4, 5, 7, 10, 8, 9, 11, 12, 13, 14, 15),

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from .compiled import part
 from .state import (
     ALWAYS,
     AWAITED,
@@ -65,7 +66,6 @@ from .state import (
     VALID,
     WATCHED,
     WIDTH,
-    part,
 )
 
 __all__ = [

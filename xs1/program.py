@@ -10,13 +10,16 @@ from typing import NamedTuple
 
 from ..errors import InputFileError
 
-__all__ = ["MEMORY_BYTES", "RAM_BASE", "Function", "Line", "LinkedProgram", "Program", "Section", "read_map"]
+__all__ = ["CYCLES_PER_SECOND", "MEMORY_BYTES", "RAM_BASE", "Function", "Line", "LinkedProgram", "Section", "read_map"]
 
 RAM_BASE = 0x10000
 """The address at which a program lies and begins."""
 
 MEMORY_BYTES = 1 << 16
 """The memory of one processor."""
+
+CYCLES_PER_SECOND = 400_000_000
+"""Of a core."""
 
 _FIRST_LINE = "phasewire xs1 map 1"
 _WORDS = {"section": 3, "function": 3, "symbol": 2, "constant": 2}  # of a row of a map, after its kind
@@ -92,13 +95,6 @@ class LinkedProgram:
             return None
         return self.functions[index]
 
-    def line_at(self, address: int) -> Line | None:
-        """The line of assembly of the instruction at an address, or None."""
-        index = bisect_right(self._line_addresses, address) - 1
-        if index < 0 or address >= self.lines[index].address + self.lines[index].size:
-            return None
-        return self.lines[index]
-
     def describe(self, address: int) -> str:
         """An address by name: ``"rasterise+0x12"``, or as a number if no symbol lies at or before it."""
         index = bisect_right(self._named, (address, "\U0010ffff")) - 1
@@ -128,10 +124,6 @@ class LinkedProgram:
         return [function.address for function in self.functions]
 
     @cached_property
-    def _line_addresses(self) -> list[int]:
-        return [line.address for line in self.lines]
-
-    @cached_property
     def _named(self) -> list[tuple[int, str]]:
         """Symbols of the program by address; those of the linker only count if there is no other."""
         return sorted((value, name) for name, value in self.symbols.items() if name not in self.constants)
@@ -145,10 +137,6 @@ class LinkedProgram:
         return names
 
 
-Program = LinkedProgram
-"""A short name, for modules that know no other programs."""
-
-
 def read_map(text: str, image: bytes = b"", *, file: str = "map") -> LinkedProgram:
     """Read a map.
 
@@ -157,7 +145,7 @@ def read_map(text: str, image: bytes = b"", *, file: str = "map") -> LinkedProgr
     text : str
         As `LinkedProgram.map_text` returns it.
     image : bytes
-        The program that it is about.
+        The program that it is about. Zeros at its end that data which begin as 0 would take may be left out.
     file : str
         For messages.
 
@@ -203,6 +191,9 @@ def read_map(text: str, image: bytes = b"", *, file: str = "map") -> LinkedProgr
             ) from None
     if not 0 <= end - base <= MEMORY_BYTES:
         raise InputFileError(f"{file}: the program is {end - base} bytes long; a memory has {MEMORY_BYTES}")
+    missing = end - base - len(image)
+    if image and 0 < missing <= sum(section.size for section in sections if section.name == "bss"):
+        image += bytes(missing)  # an image in flash leaves out what begins as 0 at its end
     if image and len(image) != end - base:
         raise InputFileError(f"{file} is about {end - base} bytes, but the image has {len(image)}: build both again")
     return LinkedProgram(

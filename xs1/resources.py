@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .channels import absorb, may_send, room_after, word_after, word_is_there
+from .compiled import part
 from .ports import drained_after, input_after, input_is_ready, output_after, update
 from .state import (
     AFTER,
@@ -113,7 +114,6 @@ from .state import (
     VECTOR,
     WAITING,
     WHY,
-    part,
 )
 
 __all__ = [
@@ -164,6 +164,19 @@ def find(identifier: int) -> int:
 
 
 @part
+def _any_slot(s: Any, t: int, now: int, period: int) -> int:
+    """The first cycle from now on whose slot among so many no running thread but `t` has."""
+    free = False
+    while not free:
+        free = True
+        for u in range(THREADS):
+            if s[STATE + u] == RUNNING and u != t and (s[READY + u] - now) % period == 0:
+                free = False
+        now += 0 if free else 1
+    return now
+
+
+@part
 def slot(s: Any, t: int, now: int) -> int:
     """When a thread that does not run may issue.
 
@@ -174,13 +187,15 @@ def slot(s: Any, t: int, now: int) -> int:
     now = max(now, s[THREAD + t * THREAD_ROW + ISSUED] + period)
     if s[USED_THREADS] > period:
         return now
+    if now <= s[LAST]:
+        now = s[LAST] + 1
+    if period != 4:
+        return _any_slot(s, t, now, period)
     taken = 0
     for u in range(THREADS):
         if s[STATE + u] == RUNNING and u != t:
-            taken |= 1 << (s[READY + u] & 3 if period == 4 else s[READY + u] % period)
-    if now <= s[LAST]:
-        now = s[LAST] + 1
-    while taken >> (now & 3 if period == 4 else now % period) & 1:
+            taken |= 1 << (s[READY + u] & 3)
+    while taken >> (now & 3) & 1:
         now += 1
     return now
 

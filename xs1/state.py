@@ -10,23 +10,7 @@ A resource has one index, whatever its kind: 10 timers, 32 channel ends, 32 port
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
-
-from numba import njit
-
 from .instructions import BY_NAME
-
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
-"""The kernel counts no references to its arrays, which Python holds: that would take half of its time."""
-
-
-def part(function: Function) -> Function:
-    """A function for the core's kernel, compiled with it."""
-    return cast(Function, njit(**OPTIONS)(function))
 
 
 def codes(names: str) -> list[int]:
@@ -37,8 +21,8 @@ def codes(names: str) -> list[int]:
 NEVER = 1 << 62
 """A time that does not come."""
 
-RAM, RAM_END, HALVES = 0x10000, 0x20000, 0x8000
-"""First and last address of memory, and its half words."""
+RAM, HALVES = 0x10000, 0x8000
+"""The first address of memory, and how many half words it has."""
 
 THREADS, TIMERS, CHANNEL_ENDS, PORTS, LOCKS, SYNCHRONISERS, CLOCKS = 8, 10, 32, 32, 4, 7, 6
 
@@ -75,8 +59,7 @@ EEBLE, IEBLE, INENB, ININT, INK, WAITING = 1, 2, 4, 8, 16, 64
 # Types of exceptions
 (
     _, LINK_ERROR, ILLEGAL_PC, ILLEGAL_INSTRUCTION, ILLEGAL_RESOURCE, LOAD_STORE, ILLEGAL_PS, ARITHMETIC, ECALL,
-    RESOURCE_DEP,
-) = range(10)  # fmt: skip
+) = range(9)  # fmt: skip
 KCALL = 15
 
 # The array of int64: first what the scheduler reads for each thread
@@ -90,8 +73,8 @@ FREE, RUNNING, PAUSED, STOPPED, TRAPPED = range(5)
 COMMON = STATE + THREADS
 (
     CYCLE, ISSUE, LOCKSTEP, USED_THREADS, LAST, NODE, SEQUENCE, PESSIMISTIC, PROFILED, AHEAD, LINK_CYCLES, HELD_UP,
-    LOGGED, COUNT, FAULT, FAULT_DATA, FAULT_THREAD, FAULT_PC, FAULT_CYCLE, MESSAGE_OF, UNDECODED_AT, SEEN,
-) = range(COMMON, COMMON + 22)  # fmt: skip
+    LOGGED, COUNT, FAULT, FAULT_DATA, FAULT_THREAD, FAULT_PC, FAULT_CYCLE, MESSAGE_OF, UNDECODED_AT,
+) = range(COMMON, COMMON + 21)  # fmt: skip
 
 # Then rows
 THREAD = COMMON + 32
@@ -170,5 +153,8 @@ NOT_DECODED, OUTSIDE_RAM = 254, 253
 LONG = 1 << 28
 """In a decoded instruction: two half words."""
 
-LOG_MARGIN = 128
-"""Changes that one step may add to the log."""
+DIVISION = 32
+"""A division issues this many times as slowly as other instructions."""
+
+LOG_MARGIN = 4096
+"""Changes that one step may add to the log: 32 ports with a full shift register and a full buffer make 2048."""

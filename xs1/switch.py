@@ -10,12 +10,18 @@ How fast tokens travel, and to whom, is the affair of whoever owns the switch.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .state import CHANNEL_ENDS
+
+if TYPE_CHECKING:
+    from .core import Core, Sent
+
 __all__ = [
+    "ANSWER_CYCLES",
     "DIMENSION_DIRECTION",
     "LINKS",
     "NODE_ID",
@@ -26,6 +32,7 @@ __all__ = [
     "LinkField",
     "Reply",
     "Switch",
+    "serve",
 ]
 
 UNNUMBERED = 0xFFFF
@@ -34,6 +41,8 @@ SWITCH_CONFIGURATION = 0xC30C
 """The low half of the identifier of a switch's configuration resource; the high half is its node."""
 LINKS = 8
 MOST_NODES = 2**16
+ANSWER_CYCLES = 40
+"""From the end of a control message to its answer. It is not published; the delay of a hop between chips is assumed."""
 
 CONTROL = 0x100
 """Bit 8 of a token: it is a control token."""
@@ -245,6 +254,38 @@ class Switch:
             elif value & LinkField.HELLO and self.hello is not None and self.hello(link):
                 self.give_credit(link)
         return True
+
+
+def serve(core: Core, switch: Switch, sent: Sent) -> bool:
+    """Answer a control message that a core has sent to its own switch.
+
+    The answer is at the core's channel end `ANSWER_CYCLES` after the message has left, or as soon as the core can take
+    it. The core has the switch's node then.
+
+    Parameters
+    ----------
+    core : Core
+    switch : Switch
+        That of the core.
+    sent : Sent
+        To the switch.
+
+    Returns
+    -------
+    bool
+        False if there is no answer: the message is malformed, or the answer is for another node or for a channel end
+        that does not exist, and is dropped.
+    """
+    reply = switch.answer(sent.tokens)
+    core.set_node(switch.node)
+    if reply is None:
+        return False
+    node, channel_end = reply.destination >> 16, reply.destination >> 8 & 0xFF
+    if node != switch.node or channel_end >= CHANNEL_ENDS:
+        return False
+    at = max(sent.ends + ANSWER_CYCLES, core.earliest_delivery(channel_end))
+    core.deliver(channel_end, reply.tokens, np.full(len(reply.tokens), at, np.int64))
+    return True
 
 
 def _link(link: int) -> int:

@@ -12,12 +12,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ...protocol.board import CYCLES_PER_TICK
+from ...protocol.board import CYCLES_PER_MS, CYCLES_PER_TICK
 from ...protocol.codes import CONTROLLER_NODE, END_TOKEN, UNNUMBERED_NODE
 from ...protocol.timing import Link
 from ...xs1.core import Core, Sent, Stop
 from ...xs1.names import PORT_IDS
-from ...xs1.switch import CONTROL, SWITCH_CONFIGURATION, XLINK, LinkField, Switch
+from ...xs1.switch import CONTROL, SWITCH_CONFIGURATION, XLINK, LinkField, Switch, serve
 from ..ports.capture import Track
 from ..ports.clock import BoardClock, Timebase
 from ..ports.recording import PortRecording
@@ -30,11 +30,12 @@ OUTPUTS, SYNC_LINE, SUPPLY_GOOD, TEMPERATURE = (PORT_IDS[name] for name in ("32A
 UP_LINK, DOWN_LINK = 0, 1
 """The switch's links to the controller and away from it."""
 ROUTE_TOKENS = 3
+CHANNEL_ENDS = 32
+MOST_MESSAGES, MESSAGE_CYCLES = 1000, CYCLES_PER_MS // 20
+"""A processor that sends more than so many, and one more each so many cycles, is given up: it floods the emulator."""
 SAMPLING_CYCLES = 195
 """From the beginning of a tick to the moment at which the pins are read: 5 cycles before its end, so that a port that
 changes late in its tick still counts."""
-SWITCH_CYCLES = 40
-"""From a question to the switch to its answer: not published; the delay of a hop is assumed."""
 ISSUE_CYCLES = 4
 MOST_WAITING_TOKENS = 4096
 """That wait at channel ends before the core is executed, so that memory stays bounded."""
@@ -91,7 +92,8 @@ class ExecutedProcessor(Package):
         """The channel end of a route whose END got lost."""
         self._answers: list[tuple[bytes, int]] = []
         self._trapped = False
-        self._held_up = self._waiting_tokens = 0
+        self._held_up = self._waiting_tokens = self._sent = 0
+        self._began = scheduler.now
 
     @property
     def number(self) -> int | None:
@@ -118,6 +120,10 @@ class ExecutedProcessor(Package):
             if stop is Stop.MESSAGE:
                 for sent in self.core.take_messages():
                     self._send(sent)
+                self._sent += 1
+                if self._sent > MOST_MESSAGES + (self.core.cycle - self._began) // MESSAGE_CYCLES:
+                    self._log(f"has sent {self._sent} messages, which is a flood; it is executed no more")
+                    super().stop()
             elif stop is Stop.LOG_FULL:
                 self._record(self.core.cycle)
             elif stop is Stop.TRAPPED and not self._trapped:
@@ -158,9 +164,15 @@ class ExecutedProcessor(Package):
         """Let tokens, without a route header, reach a channel end, the last of them at a core cycle."""
         if self.stopped:
             return
+        if channel_end >= CHANNEL_ENDS:
+            self._log(f"gets tokens for channel end {channel_end}, which does not exist")
+            return
         if not self.clock.exact:
             arrives += self._own(self._scheduler.now) - self._scheduler.now
-        self.core.deliver_evenly(channel_end, tokens, arrives, self._link.cycles_per_token)
+        step = self._link.cycles_per_token
+        first = arrives - (len(tokens) - 1) * step
+        arrives += max(self.core.earliest_delivery(channel_end) - first, 0)  # behind an answer of its switch
+        self.core.deliver_evenly(channel_end, tokens, arrives, step)
         self._waiting_tokens += len(tokens)
         if self._waiting_tokens > MOST_WAITING_TOKENS:
             self.execute()
@@ -172,11 +184,10 @@ class ExecutedProcessor(Package):
 
     def _send(self, sent: Sent) -> None:
         if sent.destination & 0xFFFF == SWITCH_CONFIGURATION:
-            reply = self.switch.answer(sent.tokens)
-            self.core.set_node(self.switch.node)
-            if reply is not None:
-                at = sent.ends + SWITCH_CYCLES
-                self.core.deliver(reply.destination >> 8 & 0xFF, reply.tokens, np.full(len(reply.tokens), at, np.int64))
+            if not serve(self.core, self.switch, sent):
+                self._log(
+                    "gets no answer from its switch: the question is malformed, or names no channel end of its own"
+                )
             return
         node, end = sent.destination >> 16, sent.destination >> 8 & 0xFF
         if node != CONTROLLER_NODE:

@@ -25,7 +25,7 @@ from ...protocol.pulses import POWER, Pulses
 from ...protocol.wiring import Wiring
 from ...xs1.assembler import AssemblySource, assemble, runtime
 from ...xs1.core import Core, Stop
-from ...xs1.program import RAM_BASE, Program
+from ...xs1.program import RAM_BASE, LinkedProgram
 
 __all__ = [
     "CASES",
@@ -144,7 +144,7 @@ class Call(NamedTuple):
 
 
 @cache
-def _threads(split: Split, busy: bool) -> Program:
+def _threads(split: Split, busy: bool) -> LinkedProgram:
     defines = {f"HELPER_{k}": int(k < len(split.scatter)) for k in range(1, 4)} | {"BUSY": int(busy)}
     for name, shares in (("SCATTER", split.scatter), ("PACK", split.pack)):
         if len(shares) not in range(1, 5) or sum(shares) != PIECES:
@@ -165,7 +165,7 @@ def _generated(*names: str) -> list[AssemblySource]:
 class _Board:
     """A core with one of the programs."""
 
-    def __init__(self, program: Program, core: Core) -> None:
+    def __init__(self, program: LinkedProgram, core: Core) -> None:
         self.program, self.core = program, core
         core.run(0)
 
@@ -290,7 +290,7 @@ FUNCTIONS = {
 
 
 @cache
-def _functions(stand_ins: bool) -> Program:
+def _functions(stand_ins: bool) -> LinkedProgram:
     names = ("plan", "ack", "num", "blk_stores", "blk_plan", "sta")
     if stand_ins:
         sources = [*_written("functions", "standing_in"), *_generated(*names, "blk")]

@@ -1,4 +1,5 @@
-# Waiting of the two threads in C: each waits for several things at once and learns which came.
+# Waiting of the two threads in C: each waits for several things at once and learns which came: a number of
+# the enum EVENT_TIME of processor.h.
 
     .text
     .globl play_events
@@ -52,22 +53,22 @@ play_wait:
     setd res[r1], r0
     waiteu
 .Lplay_time:
-    ldc r0, 0
+    ldc r0, 0               # EVENT_TIME
     retsp 0
 .Lplay_message:
-    ldc r0, 1
+    ldc r0, 1               # EVENT_MESSAGE
     retsp 0
 .Lplay_started:
-    ldc r0, 2
+    ldc r0, 2               # EVENT_STARTED
     retsp 0
 .Lplay_sync:
-    ldc r0, 3
+    ldc r0, 3               # EVENT_SYNC
     retsp 0
 .Lplay_temperature:
-    ldc r0, 4
+    ldc r0, 4               # EVENT_TEMPERATURE
     retsp 0
 .Lplay_supply:
-    ldc r0, 5
+    ldc r0, 5               # EVENT_SUPPLY
     retsp 0
     .cc_bottom play_wait.function
 
@@ -98,9 +99,9 @@ handle_wait:
     setd res[r1], r0
     waiteu
 .Lhandle_time:
-    ldc r0, 0
+    ldc r0, 0               # EVENT_TIME
     retsp 0
 .Lhandle_message:
-    ldc r0, 1
+    ldc r0, 1               # EVENT_MESSAGE
     retsp 0
     .cc_bottom handle_wait.function

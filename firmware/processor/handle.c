@@ -21,7 +21,6 @@ enum { TOKEN_END = 1, TOKEN_ACK = 3, TOKEN_WRITEC = 0xC0, TOKEN_READC = 0xC1 };
 #define LINK_MS 1000u            /* CHN-023 */
 #define CRC_BEGIN 0x9226F562u    /* becomes FFFFFFFF, the begin of a CRC-32, in the 32 steps before the data comes in */
 #define ANSWER_WORDS 17u
-#define NOT_YET 0xFFu
 
 uint32_t number = UNNUMBERED_NODE;
 uint32_t load_crc, program_crc, collect_crc;
@@ -139,8 +138,8 @@ static void put32(uint32_t at, uint32_t value)
     put(at + 3u, value >> 24);
 }
 
-/* Sends a payload of some bytes, with its CRC-32 and END (CHN-010). The switch makes the header of the destination. Words
-   keep up with the fastest links. */
+/* Sends a payload of some bytes, with its CRC-32 and END (CHN-010). The switch makes the header of the destination.
+   Words keep up with the fastest links. */
 static void send(uint32_t end, uint32_t size)
 {
     answer.words[0] = CONTROLLER_NODE << 16 | end << 24; /* 00 00FF, end */
@@ -318,14 +317,15 @@ void handle_message(const struct message *message)
     } else if (message->kind == NUMBER && !numbered && message->body[0] < PROCESSORS) {
         take_number(message->body[0]);
         waits_for_link = true;
-        handle_ms();
+        handle_identity();
     } else {
         damaged++;
     }
 }
 
-/* Once a millisecond, until nobody needs to know any more what is on the link behind; also when that may have changed. */
-void handle_ms(void)
+/* Sends the identity that waits, as soon as it is known whether this processor is the last. It is known when the link
+   behind has credit, when nobody has answered there for LINK_MS, and always of number 9. (CHN-023) */
+void handle_identity(void)
 {
     if (waits_for_link && (linked || number == PROCESSORS - 1u || ms >= LINK_MS)) {
         send_identity();
@@ -355,10 +355,12 @@ void handle(void)
             message = message->next;
             signal_send(handle_ready);
         } else if (linked || identified) {
-            time += 0x40000000u; /* nothing to do */
+            /* Nothing is left to do at a time. A quarter of the turn of the timer, 10.7 s, is well in the future. A
+               time more than half a turn ahead would have passed. */
+            time += 0x40000000u;
         } else {
             linked = say_hello();
-            handle_ms();
+            handle_identity();
             ms++;
             time += MS_TIME;
         }

@@ -1,9 +1,9 @@
 /* What plays in which period: slices and commits, programs, faults of this processor, silence. Nothing here waits for a
    link, so that silence comes whatever happens to the chain (CHN-018).
 
-   Once a period, at a fixed time before its boundary, `decide` lets begin what waits for this period, steps the sequence
-   and the modulation, and has the table made. A commit or a program is in time if it is dealt with before the decision
-   on its period. */
+   Once a period, at a fixed time before its boundary, `decide` lets begin what waits for this period, steps the
+   sequence and the modulation, and has the table made. A commit or a program is in time if it is dealt with before the
+   decision on its period. */
 #include "processor.h"
 
 #include "hardware.h"
@@ -573,8 +573,8 @@ static uint32_t ones(uint32_t bits)
     return (bits & 1u) + (bits >> 1 & 1u) + (bits >> 2);
 }
 
-/* The table could not be ready in time. What began with it is missed, and what played goes on (CHN-004, CHN-014); a step
-   comes late (CHN-015). Returns whether the table that was made, if one was, is that of what plays. */
+/* The table could not be ready in time. What began with it is missed, and what played goes on (CHN-004, CHN-014); a
+   step comes late (CHN-015). Returns whether the table that was made, if one was, is that of what plays. */
 OUT_OF_LINE static bool overrun(bool made)
 {
     const uint32_t count = ones(began);
@@ -697,7 +697,8 @@ static void decide(void)
     set_decide_at();
 }
 
-/* Until when the playing thread may wait: for the next decision, or until this processor has been alone for too long. */
+/* Until when the playing thread may wait: for the next decision, or until this processor has been alone for too
+   long. */
 static inline uint32_t wake(void)
 {
     const uint32_t alone_at = heard + DEAF_TIME;

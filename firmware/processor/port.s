@@ -36,7 +36,8 @@ port:
     stw r3, dp[first_stamp]
     stw r8, dp[first_time]
     outct res[r7], 1
-    # The next table is asked for as late as a processor that is slow eight times can bear: 240 cycles before a boundary.
+    # The next table is asked for as late as a processor that is slow eight times can bear: 240 cycles before a
+    # boundary.
     setc res[r6], 9         # after
     ldc r10, PERIOD_TIME
     ldc r3, TAKE_TIME

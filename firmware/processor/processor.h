@@ -25,9 +25,8 @@
 #define SLOTS 256u
 #define ENTRIES 1024u
 #define SAMPLES 4096u
-#define UNMODULATED 255u
 
-/* CHN-009 and what the receiving thread makes of it: the kind of a message. */
+/* CHN-009 and what the receiving thread makes of it: the kind of a message. receive.s repeats the numbers. */
 enum { SLICE = 1, COMMIT, LOAD, PROGRAM, COLLECT, NUMBER, REPORT, PLAYING, IDENTITY };
 enum { MEMORY_SLOTS = 1, MEMORY_ENTRIES, MEMORY_SAMPLES };
 #define CONTROLLER_NODE 0xFFu
@@ -45,14 +44,16 @@ enum { FAULT_CHAIN = 1, FAULT_SYNC = 4, FAULT_TEMPERATURE = 8, FAULT_SUPPLY = 16
 #define SYNC_PERIODS 4096u        /* CHN-026 */
 #define TICK_TIME 50
 
-/* Before a boundary: when it is decided what plays from it on, without and with a modulation; until when the program of
-   the first modulation is taken, for then it is decided at once; and when the port's thread takes the table, with a margin for what lies between the look at the time and the change of the pointer. The tests of
-   the firmware measure how long everything takes. */
-#ifndef DECIDE_TIME
+/* Times before a boundary; the tests of the firmware measure how long everything takes.
+
+   DECIDE_TIME: when the next period is decided without a modulation.
+   DECIDE_MODULATED_TIME: the same with one.
+   BEGIN_MODULATED_TIME: until when the program of the first modulation is taken. The period is then decided at once.
+   HAND_OVER_TIME: until when a table may be handed over. The port's thread takes it a little later (TAKE_TIME of
+   port.s). The difference is a margin, for what lies between the look at the time and the change of the pointer. */
 #define DECIDE_TIME 1074u
 #define DECIDE_MODULATED_TIME 1334u
 #define BEGIN_MODULATED_TIME 1220u
-#endif
 #define HAND_OVER_TIME 70u
 
 /* A message as the receiving thread leaves it. Numbers are as in the message, but for these:
@@ -119,6 +120,7 @@ extern uint32_t unsynced;  /* by handle: a question came before it */
 
 /* Parts in assembly. */
 
+/* events.s repeats their numbers. */
 enum { EVENT_TIME, EVENT_MESSAGE, EVENT_STARTED, EVENT_SYNC, EVENT_TEMPERATURE, EVENT_SUPPLY };
 void play_events(void);              /* sets the events of the playing thread up */
 uint32_t play_wait(uint32_t time);   /* waits until a time, or for something to do */
@@ -147,6 +149,6 @@ void play_temperature(uint32_t value);
 void play_supply(uint32_t value);
 void handle_begin(void);
 void handle_message(const struct message *message);
-void handle_ms(void);
+void handle_identity(void); /* sends the identity that waits, as soon as it is known whether this is the last */
 
 #endif

@@ -1,13 +1,16 @@
-# The receiving thread: takes messages as fast as links bring them, which is 8 cycles a token, two instructions (CHN-020).
+# The receiving thread: takes messages as fast as links bring them, which is 8 cycles a token, two instructions
+# (CHN-020).
 #
-# Each message lies in a place of a ring until the thread that deals with it has done so. That thread says so with an END;
-# this one gives it the next message with an END, at once or when there is one. A message that has not exactly its tokens
-# or whose CRC-32 is wrong is counted and goes no further (CHN-010); that of a commit is looked at by the playing thread.
-# Of a good message the CRC is -1 when its own has come in, so that with END, which is 1, the sum is 0.
+# Each message lies in a place of a ring until the thread that deals with it has done so. That thread says so with an
+# END; this one gives it the next message with an END, at once or when there is one. A message that has not exactly
+# its tokens or whose CRC-32 is wrong is counted and goes no further (CHN-010); that of a commit is looked at by the
+# playing thread. Of a good message the CRC is -1 when its own has come in, so that with END, which is 1, the sum is
+# 0. The kinds of messages are the enum SLICE of processor.h.
 #
-# r4 polynomial; r5 and r6 places for the next message to play and to handle; r7 and r8 the channel ends that give messages
-# to these threads; r9 and r10, of these rings: 1 if their thread waits for a message and there is none, 0 if it has one and
-# no other waits, -n if n wait besides. r11 the channel end of the event. r3 the CRC-32; r2 the last words of the place.
+# r4 polynomial; r5 and r6 places for the next message to play and to handle; r7 and r8 the channel ends that give
+# messages to these threads; r9 and r10, of these rings: 1 if their thread waits for a message and there is none, 0 if
+# it has one and no other waits, -n if n wait besides. r11 the channel end of the event. r3 the CRC-32; r2 the last
+# words of the place.
 
     .set POLYNOMIAL, 0xEDB88320
     .set CRC_BEGIN, 0x9226F562
@@ -254,7 +257,7 @@ receive:
     eq r0, r0, 1
     bf r0, .Lbad
     stw r3, r2[1]
-    ldc r0, 1
+    ldc r0, 1               # SLICE
     stw r0, r2[3]
     ldw r5, r2[4]
     sub r9, r9, 1
@@ -285,7 +288,7 @@ receive:
     inct r0, res[r11]
     eq r0, r0, 1
     bf r0, .Lbad
-    ldc r0, 2
+    ldc r0, 2               # COMMIT
     stw r0, r2[3]
     ldw r5, r2[4]
     sub r9, r9, 1
@@ -338,7 +341,7 @@ receive:
     inct r0, res[r11]
     add r3, r3, r0
     bt r3, .Ldamaged
-    ldc r0, 4
+    ldc r0, 4               # PROGRAM
     stw r0, r2[3]
     ldw r5, r2[4]
     sub r9, r9, 1
@@ -439,7 +442,7 @@ receive:
     inct r0, res[r11]
     add r3, r3, r0
     bt r3, .Ldamaged
-    ldc r0, 3
+    ldc r0, 3               # LOAD
     stw r0, r2[3]
     ldw r6, r2[4]
     sub r10, r10, 1
@@ -454,7 +457,7 @@ receive:
     bt r0, .Lbad
     int r1, res[r11]
     stw r1, r6[0]
-    sub r2, r1, 7           # there are two, 7 and 8: 0 or 1
+    sub r2, r1, 7           # REPORT, 7, or PLAYING, 8: 0 or 1
     shr r2, r2, 1
     shl r1, r1, 24
     ldw r3, dp[collect_crc]
@@ -474,7 +477,7 @@ receive:
     in r0, res[r0]
     stw r0, dp[heard]
     ldaw r2, r6[11]
-    ldc r0, 5
+    ldc r0, 5               # COLLECT
     stw r0, r2[3]
     ldw r6, r2[4]
     sub r10, r10, 1
@@ -503,7 +506,7 @@ receive:
     inct r0, res[r11]
     add r3, r3, r0
     bt r3, .Ldamaged
-    ldc r0, 6
+    ldc r0, 6               # NUMBER
     stw r0, r2[3]
     ldw r6, r2[4]
     sub r10, r10, 1

@@ -10,16 +10,18 @@ import pytest
 from hypothesis import given, settings
 from numpy.typing import NDArray
 from phasewire import Emulator, Pulses, open_device
+from phasewire.emulator import faults
 from phasewire.firmware.images import device_image
 from phasewire.host.firmware.flashing import flash
 from phasewire.host.firmware.images import read_firmware
 from phasewire.mutants.processors import broken_image, broken_sources, known_mutants
-from phasewire.protocol.blocks import Update
+from phasewire.protocol.blocks import Slot, Update
 from phasewire.protocol.codes import Fault, Request, State, Target
 from phasewire.protocol.firmware import Image, Segment, build
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
+from phasewire.xs1.assembler import AssemblySource, assemble
 
-from tests.emulator.hosts import FULL, Device
+from tests.emulator.hosts import FULL, HALF, Device
 from tests.emulator.test_doors import Program
 from tests.emulator.test_oracle import BASES, BOTH_LINKS, FILLED, PROGRAMS, SCRAMBLED, Bench, Step, play
 
@@ -148,3 +150,42 @@ def silent_words(emulator: Emulator) -> NDArray[np.uint32]:
         emulator.run_until(ack.commit_period + 2)
         begun = 50 * ack.commit_period
         return emulator.capture().bits(begun, begun + 50)
+
+
+# Tokens and firmware that go astray
+
+
+@pytest.mark.parametrize("message", ["slice", "commit", "load", "collect"])
+@pytest.mark.parametrize("token", [0, 1, 2])
+def test_a_message_without_a_token_of_its_header_harms_nobody(message: str, token: int) -> None:
+    """The next token then names the channel end, which may not exist, or another node."""
+    device = executed()
+    device.emulator.inject(faults.LostToken(message=message, processor=3, token=token, times=2))
+    for slot in range(3):
+        device.send(Slot(slot, FULL))
+        device.send(Update(FULL))
+        device.run(500)
+    device.order(Request.CLEAR_FAULTS)
+    device.send(Update(HALF))
+    device.run(500)
+    assert device.emulator.processors[0].number == 0
+
+
+def test_firmware_that_sends_without_end_is_given_up() -> None:
+    """It sends END after END to nobody, and would keep the emulator busy for ever."""
+    flood = assemble([AssemblySource("flood.s", FLOOD)])
+    image = device_image()
+    segments = (Segment(Target.ALL_PROCESSORS, flood.image), image.segments[-1])
+    emulator = Emulator(firmware=replace(image, segments=segments))
+    assert Device(emulator).status().faults & Fault.PROCESSOR
+    assert any("executed no more" in event.what for event in emulator.events)
+
+
+FLOOD = """
+    getr r0, 2
+    ldc r1, 2
+    setd res[r0], r1
+again:
+    outct res[r0], 1
+    bu again
+"""

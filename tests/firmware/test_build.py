@@ -5,19 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from phasewire.firmware import build
+from phasewire.firmware import build, kept
 from phasewire.firmware.build import (
     FIRST_VERSION,
     BuildError,
     budget,
     build_processor,
+    c_files,
     compiled_with,
     load_processor,
     processor_segment,
     stale,
 )
 from phasewire.xs1.assembler import AssemblySource
-from phasewire.xs1.clang import compile_c, find_clang
+from phasewire.xs1.clang import CompilerMissingError, find_clang
 from phasewire.xs1.program import MEMORY_BYTES, RAM_BASE
 
 RUN_AGAIN = "run `python -m phasewire.firmware.build`"
@@ -30,18 +31,17 @@ def test_the_kept_assembly_is_not_older_than_the_c() -> None:
 def test_the_kept_image_is_what_the_kept_sources_make() -> None:
     """Bit for bit, with its map."""
     made = build_processor(compile=False)
-    kept = load_processor()
-    assert made.image == kept.image, RUN_AGAIN
+    loaded = load_processor()
+    assert made.image == loaded.image, RUN_AGAIN
     assert made.map_text() == build.MAP.read_text(encoding="utf-8"), RUN_AGAIN
-    assert dict(made.symbols) == dict(kept.symbols)
+    assert dict(made.symbols) == dict(loaded.symbols)
 
 
 def test_a_rebuilt_image_is_the_kept_one() -> None:
     """From the C, where there is the clang that made the kept assembly."""
     if find_clang() is None:
         pytest.skip("no clang with the target xcore is installed")
-    made = compile_c(build.FOLDER / build._C[0])
-    if compiled_with() not in made.text:
+    if compiled_with() not in c_files()[0].compiled().text:
         pytest.skip(f"the kept assembly was made by {compiled_with()}, which is another clang than the installed one")
     assert build_processor(compile=True).image == load_processor().image, RUN_AGAIN
 
@@ -67,7 +67,6 @@ def test_a_segment_has_its_version_and_no_zeros_at_its_end() -> None:
     assert other == first[:at] + bytes((7, 8, 9)) + first[at + 3 :]
     assert first == build.IMAGE.read_bytes()
     assert len(first) < 16_384
-    assert build_processor((7, 8, 9), compile=False).image[: len(other)] == other
 
 
 @pytest.mark.parametrize("version", [(1, 2, 256), (-1, 0, 0), (1, 2)])
@@ -95,8 +94,8 @@ def test_a_change_of_the_c_is_noticed(copied: Path, name: str, old: list[str], m
     assert stale() == old
     with pytest.raises(BuildError, match=f"{old[0]}.* is older than the C"):
         build_processor(compile=False)
-    monkeypatch.setattr(build, "find_clang", lambda: None)
-    with pytest.raises(BuildError, match="no clang"):
+    monkeypatch.setattr(kept, "find_clang", lambda: None)
+    with pytest.raises(CompilerMissingError, match=f"{old[0]} cannot be made, because no clang"):
         build_processor()
 
 
@@ -120,7 +119,7 @@ def test_what_does_not_fit_is_refused(copied: Path, before: str, after: str, mes
     ("code", "message"),
     [
         ("    bl f", "calls itself"),
-        ("    bla r4", "calls by an address"),
+        ("    bla r4", "calls by an address .* call the function by its name"),
         ("    bl g", "g is called, and no source has it"),
     ],
 )

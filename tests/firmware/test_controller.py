@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from phasewire.errors import BlockError
 from phasewire.firmware.controller import CASES, SPLITS, Case, Fetch, call, expected, pass_blocks
-from phasewire.firmware.controller.building import FOLDER, REFERENCE, SOURCES, CSource, compiled, digest, stated_digest
+from phasewire.firmware.controller.building import FOLDER, REFERENCE, SOURCES
+from phasewire.firmware.kept import KeptAssembly
 from phasewire.protocol import Pulses
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -242,16 +243,16 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     return ctypes.CDLL(str(path))
 
 
-@pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.path.name)
-def test_the_committed_assembly_is_of_the_c_beside_it(source: CSource) -> None:
-    assert stated_digest(source) == digest(source), "run: python -m phasewire.firmware.controller.building"
+@pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.source.name)
+def test_the_committed_assembly_is_of_the_c_beside_it(source: KeptAssembly) -> None:
+    assert not source.stale, "run: python -m phasewire.firmware.controller.building"
 
 
-@pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.path.name)
-def test_the_same_compiler_makes_the_committed_assembly_again(source: CSource) -> None:
+@pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.source.name)
+def test_the_same_compiler_makes_the_committed_assembly_again(source: KeptAssembly) -> None:
     if not find_clang():
         pytest.skip("no clang with the target xcore")
-    text, again = source.output.read_text(), compiled(source)
+    text, again = source.read().text, source.compiled().text
     maker, now = (next(line for line in one.splitlines() if ".ident" in line) for one in (text, again))
     if maker != now:
         pytest.skip(f"another compiler: {now.strip()}")
@@ -260,4 +261,4 @@ def test_the_same_compiler_makes_the_committed_assembly_again(source: CSource) -
 
 def test_each_generated_file_has_its_source() -> None:
     kept = {path.name for path in (Path(FOLDER) / "generated").iterdir()}
-    assert kept == {source.output.name for source in SOURCES}
+    assert kept == {source.path.name for source in SOURCES}

@@ -34,7 +34,7 @@ def test_there_are_bugs_of_every_source() -> None:
 def test_a_bug_in_assembly_is_one_in_the_program(tmp_path: Path) -> None:
     mutant = MUTANTS["ticks-too-short"]
     assert not needs_clang(mutant)
-    sound = [source for source in build._sources(compile=False) if source.name != mutant.file]
+    sound = [source for source in build.kept_sources() if source.name != mutant.file]
     broken = broken_sources(mutant, tmp_path)
     assert [source for source in broken if source.name != mutant.file] == sound
     assert broken_image(broken).program(0) != build.processor_segment(build.FIRST_VERSION)
@@ -44,7 +44,7 @@ def test_a_bug_in_assembly_is_one_in_the_program(tmp_path: Path) -> None:
 def test_a_bug_in_c_is_one_in_the_program(tmp_path: Path) -> None:
     mutant = MUTANTS["last-slot-is-refused"]
     assert needs_clang(mutant)
-    changed = set(broken_sources(mutant, tmp_path)) ^ set(build._sources(compile=False))
+    changed = set(broken_sources(mutant, tmp_path)) ^ set(build.kept_sources())
     assert {source.name for source in changed} == {"handle.s"}
 
 

@@ -399,9 +399,6 @@ def test_functions_lines_and_map() -> None:
     assert function
     assert function.name == "main"
     assert program.function_at(0x10008) is None
-    line = program.line_at(0x10004)
-    assert line
-    assert (line.file, line.number) == ("a.s", 4)
     assert program.describe(0x10004) == "loop+0x2"
     assert program.describe(0x20000) == "0x20000"
     again = read_map(program.map_text(), program.image)
@@ -411,6 +408,18 @@ def test_functions_lines_and_map() -> None:
     )  # fmt: skip
     assert again.constants == {"SIZE"}
     assert again.symbols["SIZE"] == -4
+
+
+def test_a_map_fills_an_image_without_the_zeros_at_its_end() -> None:
+    """By what begins as 0 at most."""
+    program = linked('main: retsp 0\n .section .dp.data\nd: .long 7\n.section .dp.bss, "awd", @nobits\n.space 100')
+    size = len(program.image)
+    for left_out in (1, 50, 100):
+        assert read_map(program.map_text(), program.image[:-left_out]).image == program.image
+    with pytest.raises(InputFileError, match=f"about {size} bytes, but the image has {size - 101}"):
+        read_map(program.map_text(), program.image[:-101])
+    with pytest.raises(InputFileError, match=f"about {size} bytes, but the image has {size + 1}"):
+        read_map(program.map_text(), program.image + bytes(1))
 
 
 @pytest.mark.parametrize(

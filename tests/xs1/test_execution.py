@@ -104,11 +104,11 @@ def test_the_switch_answers_and_takes_its_node() -> None:
         ldw r1, cp[write]
         ldc r4, 0xc0
         outct res[r0], r4
+        ldc r3, 0
+        outt res[r0], r3
+        ldc r3, 0x12
+        outt res[r0], r3
         shr r2, r0, 8
-        shr r3, r2, 16
-        outt res[r0], r3
-        shr r3, r2, 8
-        outt res[r0], r3
         outt res[r0], r2
         ldc r3, 0
         outt res[r0], r3

@@ -2,6 +2,8 @@
 
 import doctest
 import re
+import subprocess
+import sys
 
 import pytest
 from phasewire.xs1 import names
@@ -51,3 +53,12 @@ def test_resources_in_words() -> None:
 
 def test_examples_run() -> None:
     assert doctest.testmod(names).failed == 0
+
+
+@pytest.mark.parametrize(
+    "module", [*(f"xs1.{name}" for name in ("names", "switch", "assembler", "disassembler", "debugger")), "cli.xs1"]
+)
+def test_only_what_executes_imports_numba(module: str) -> None:
+    code = f"import sys, phasewire.{module}; print('numba' in sys.modules)"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert ended.stdout.strip() == "False"

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from phasewire.xs1.core import EXCEPTIONS, Core, Stop
+from phasewire.xs1.core import Core, Stop
+from phasewire.xs1.names import EXCEPTIONS
 
 from tests.xs1.cores import (
     CLOCK_2,

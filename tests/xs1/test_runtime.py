@@ -47,7 +47,7 @@ LONG = (1 << 64) - 1
 EDGES = (0, 1, 2, 3, 10, (1 << 31) - 1, 1 << 31, WORD, WORD + 1, WORD + 2, (1 << 63) - 1, 1 << 63, LONG)
 
 
-def called(calls: Sequence[tuple[str, Sequence[int]]], *others: Source) -> tuple[list[tuple[int, int]], bytes]:
+def called(calls: Sequence[tuple[str, Sequence[int]]], *others: AssemblySource) -> tuple[list[tuple[int, int]], bytes]:
     """The results of calls, r0 and r1, and the buffer after them; operand 0x5xxx is a place in the buffer."""
     rows = []
     for name, operands in calls:

@@ -2,8 +2,22 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from phasewire.xs1.switch import DIMENSION_DIRECTION, NODE_ID, SLINK, XLINK, LinkField, Switch
+from phasewire.xs1.core import Core, Sent
+from phasewire.xs1.switch import (
+    ANSWER_CYCLES,
+    DIMENSION_DIRECTION,
+    NODE_ID,
+    SLINK,
+    SWITCH_CONFIGURATION,
+    XLINK,
+    LinkField,
+    Switch,
+    serve,
+)
+
+from tests.xs1.cores import core
 
 CONTROL = 0x100
 READC, WRITEC, ACK, NACK, END = (CONTROL | token for token in (0xC1, 0xC0, 0x03, 0x04, 0x01))
@@ -103,3 +117,64 @@ def test_wrong_numbers_are_refused() -> None:
         Switch(65536)
     with pytest.raises(ValueError, match="links 0 to 7"):
         Switch().has_credit(8)
+
+
+def asked(tokens: list[int], node: int, ends: int) -> Sent:
+    """A control message that has left a core."""
+    return Sent(5, node << 16 | SWITCH_CONFIGURATION, np.array(tokens, np.uint16), ends - 50, ends)
+
+
+def listening() -> Core:
+    """A core that takes the six tokens of an answer at channel end 0, one after the other."""
+    inputs = "chkct res[r0], 3; in r1, res[r0]; chkct res[r0], 1"
+    return core(f"getr r0, 2; {inputs}; getr r2, 1; in r3, res[r2]; waiteu", node=0x1234)
+
+
+@pytest.mark.parametrize(("executed", "ends"), [(100, 100), (100, 90), (10_000, 100)])
+def test_a_core_is_answered_after_a_time_or_as_soon_as_it_can_be(executed: int, ends: int) -> None:
+    made, switch = listening(), Switch(0x1234)
+    made.run(executed)
+    question = [READC, 0x12, 0x34, 0x00, 0, NODE_ID, END]
+    assert serve(made, switch, asked(question, 0x1234, ends))
+    at = max(ends + ANSWER_CYCLES, executed + 1)
+    made.run(at - 1)
+    assert made.threads()[0].waits_for == "a token"
+    made.run(at + 100)
+    assert made.registers(0)[1] == 0x1234
+    assert made.trap is None
+
+
+def test_an_answer_is_not_before_tokens_that_wait() -> None:
+    made, switch = listening(), Switch(0x1234)
+    made.deliver(0, [ACK, 0, 0, 0, 1, END], np.full(6, 5000))
+    assert serve(made, switch, asked([READC, 0x12, 0x34, 0x00, 0, NODE_ID, END], 0x1234, 100))
+    assert made.earliest_delivery(0) == 5000
+    made.run(6000)
+    assert made.registers(0)[1] == 1
+
+
+def test_a_write_of_the_node_is_answered_to_the_new_one() -> None:
+    made, switch = listening(), Switch(0x1234)
+    body = [0, NODE_ID, 0, 0, 0, 7, END]
+    assert not serve(made, switch, asked([WRITEC, 0x12, 0x34, 0x00, *body], 0x1234, 100))
+    assert made.node == switch.node == 7
+    assert serve(made, switch, asked([WRITEC, 0x00, 0x07, 0x00, *body], 7, 100))
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        [READC, 0x12, 0x34, 200, 0, NODE_ID, END],
+        [READC, 0x12, 0x34, 32, 0, NODE_ID, END],
+        [READC, 0x12, 0x35, 0, 0, NODE_ID, END],
+        [READC, 0x12, 0x34, 0, END],
+    ],
+    ids=["channel end 200", "channel end 32", "another node", "malformed"],
+)
+def test_an_answer_for_nobody_is_dropped(question: list[int]) -> None:
+    made, switch = listening(), Switch(0x1234)
+    assert not serve(made, switch, asked(question, 0x1234, 100))
+    made.run(10_000)
+    assert made.trap is None
+    assert made.threads()[0].waits_for == "a token"
+    assert [made.earliest_delivery(end) for end in range(32)] == 32 * [10_001]

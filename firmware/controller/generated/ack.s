@@ -1,6 +1,6 @@
-# compiled of reference/core/ack.c, sha256 94e6764cdf285526197de5249f0eec57f7052e6f265449354e19619fc6c95656
+# Made by clang from ack.c; do not edit.
+# sha256 of it and what it includes: 05ae08dfae8bc2b9a955f678c6d4c995f79653c1dc3a272a2364f0e1c2cb92b5
 	.text
-	.file	"ack.c"
 	.globl	pw_ack_put
 	.p2align	2
 	.type	pw_ack_put,@function

@@ -1,6 +1,6 @@
-# compiled of reference/core/blk.c, sha256 30b4776d7982df04acdbe577e426de29b8fccfac13f7231bacaa4abd3cad7f3f
+# Made by clang from blk.c; do not edit.
+# sha256 of it and what it includes: 4ff95b8020cde71bf46261278b738b6b70bf7fab23896c08f50903eb68a4920e
 	.text
-	.file	"blk.c"
 	.globl	pw_block_check
 	.p2align	2
 	.type	pw_block_check,@function

@@ -1,6 +1,6 @@
-# compiled of reference/core/blk_plan.c, sha256 aa1bede24469513aa75d7fe6f3f9ea963c205816df2fc5c23cffbbbbf2e63361
+# Made by clang from blk_plan.c; do not edit.
+# sha256 of it and what it includes: e8d6b50d3beaa1ab976c3697c4f84f171088e6c117bea246be0bb13c08ae33a5
 	.text
-	.file	"blk_plan.c"
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
 .LCPI0_0:

@@ -1,6 +1,6 @@
-# compiled of reference/core/blk_stores.c, sha256 7a911172b698010cff409023d94584c155238babd1b0ef1d833d8f90d67fa12b
+# Made by clang from blk_stores.c; do not edit.
+# sha256 of it and what it includes: 57760d3f0ec2111d547b86d72b2eb1d06ab4dca76c38e0f069905d5808202716
 	.text
-	.file	"blk_stores.c"
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
 .LCPI0_0:

@@ -1,6 +1,6 @@
-# compiled of reference/core/chn.c, sha256 f3918338ab820b948166997a6bf3104d931bdf5aea9b1b1ca7da63b43202bb55
+# Made by clang from chn.c; do not edit.
+# sha256 of it and what it includes: 8462814ee3cd37d8b077bc91e991e926c3392c70892d7cd7e4a2ee3c67a8b0f3
 	.text
-	.file	"chn.c"
 	.globl	pw_slice_put
 	.p2align	2
 	.type	pw_slice_put,@function

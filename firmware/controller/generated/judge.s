@@ -1,6 +1,6 @@
-# compiled of firmware/controller/judge.c, sha256 b029dee2349ed1737110eafbf77df55081b6666185590c6b92d28066fd6c215f
+# Made by clang from judge.c; do not edit.
+# sha256 of it and what it includes: 74954672d26524f4546216d3063f87e13eb5d89ef4caac3a05aa88d4eba880fc
 	.text
-	.file	"judge.c"
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
 .LCPI0_0:

@@ -1,6 +1,6 @@
-# compiled of reference/core/num.c, sha256 2a86c497c1ed3844eb3b8989c37844d4594ad622f33f56eef711988522d82a38
+# Made by clang from num.c; do not edit.
+# sha256 of it and what it includes: 7728094ddc157ffe833bbd77d9c5362ea3b67fef4e030950932cf7333086bbd1
 	.text
-	.file	"num.c"
 	.globl	pw_device_block
 	.p2align	2
 	.type	pw_device_block,@function

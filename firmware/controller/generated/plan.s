@@ -1,6 +1,6 @@
-# compiled of firmware/controller/plan.c, sha256 b9fdf7a02eab0dfbfadeee0250d7924ca972feb4ed20a141f35aa688cf48114d
+# Made by clang from plan.c; do not edit.
+# sha256 of it and what it includes: f236db2ef8720b3249ce433f3669ff9e8def4746b693e20f01136cd2e4a519aa
 	.text
-	.file	"plan.c"
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
 .LCPI0_0:

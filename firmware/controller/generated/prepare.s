@@ -1,6 +1,6 @@
-# compiled of firmware/controller/prepare.c, sha256 a31cfa5f10e5e181a1299b6c579cc278b2e2c683985c8a308a589e7ac5669318
+# Made by clang from prepare.c; do not edit.
+# sha256 of it and what it includes: 655f8ac38e2e7587a45872ead2a6eb70a18afb2d92418e80fbd2770088c023d9
 	.text
-	.file	"prepare.c"
 	.globl	prepare
 	.p2align	2
 	.type	prepare,@function

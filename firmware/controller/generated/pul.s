@@ -1,6 +1,6 @@
-# compiled of reference/core/pul.c, sha256 5551c082f717b0c7267b035f2943c077d374a3d2d7008c96d62ea3cc99d39f15
+# Made by clang from pul.c; do not edit.
+# sha256 of it and what it includes: ba45d51227ffc030daa5489bec724a7a780581091561c29339f2882a6703f5f8
 	.text
-	.file	"pul.c"
 	.globl	pw_pulse_get
 	.p2align	2
 	.type	pw_pulse_get,@function

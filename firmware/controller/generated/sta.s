@@ -1,6 +1,6 @@
-# compiled of reference/core/sta.c, sha256 ce4ac5d7f451c8afc8b8063058005458a7dafaf2ee201117b7a132cc38029923
+# Made by clang from sta.c; do not edit.
+# sha256 of it and what it includes: 74a73979b42bf66198711cc12593dce45f8b524fc19fd0c84a9768e290110305
 	.text
-	.file	"sta.c"
 	.globl	pw_state_allows
 	.p2align	2
 	.type	pw_state_allows,@function

@@ -1,6 +1,6 @@
-# compiled of reference/core/sums.c, sha256 a42427a53142602d46b39ef75fdaaa4b0959401d62b87bb66bcbfee1bc2ddef5
+# Made by clang from sums.c; do not edit.
+# sha256 of it and what it includes: f8ab7cf368ceee1cc7874078f91fa08cedb5a8fd8183a530386b2e31c012f96a
 	.text
-	.file	"sums.c"
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
 .LCPI0_0:

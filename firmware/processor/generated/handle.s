@@ -1,5 +1,5 @@
-# Made by clang; do not edit.
-# from handle.c and headers, sha256 b48fbe5d10b872be28e78c78fc452731f857195f420f82df139196ee0fc86ddc
+# Made by clang from handle.c; do not edit.
+# sha256 of it and what it includes: 2ef964dd82ee4e0ba33c6e442cc0f9c835c15ff98fbf81a4d6413a43a0c59bfe
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
@@ -344,7 +344,7 @@ handle_message:
 	stw r0, dp[number]
 	ldaw r0, dp[waits_for_link]
 	st8 r2, r0[r1]
-	bl handle_ms
+	bl handle_identity
 	bu .LBB0_57
 .LBB0_56:
 	ldw r0, dp[damaged]
@@ -738,11 +738,11 @@ handle_message:
 .LCPI1_3:
 	.long	16713986
 	.text
-	.globl	handle_ms
+	.globl	handle_identity
 	.p2align	2
-	.type	handle_ms,@function
-	.cc_top handle_ms.function,handle_ms
-handle_ms:
+	.type	handle_identity,@function
+	.cc_top handle_identity.function,handle_identity
+handle_identity:
 	entsp 11
 	stw r4, sp[10]
 	stw r5, sp[9]
@@ -894,9 +894,9 @@ handle_ms:
 	ldw r5, sp[9]
 	ldw r4, sp[10]
 	retsp 11
-	.cc_bottom handle_ms.function
+	.cc_bottom handle_identity.function
 .Lfunc_end1:
-	.size	handle_ms, .Lfunc_end1-handle_ms
+	.size	handle_identity, .Lfunc_end1-handle_identity
 
 	.globl	handle_begin
 	.p2align	2
@@ -1178,7 +1178,7 @@ handle:
 	ldw r1, dp[config_end]
 	inct r1, res[r1]
 	st8 r0, r8[r7]
-	bl handle_ms
+	bl handle_identity
 	ldw r0, dp[ms]
 	add r0, r0, 1
 	stw r0, dp[ms]

@@ -1,5 +1,5 @@
-# Made by clang; do not edit.
-# from play.c and headers, sha256 517a36f024e2a376053a140cdc145b226f8e2c4d4b873c1257e2b6aba29b9abf
+# Made by clang from play.c; do not edit.
+# sha256 of it and what it includes: ee951b01586439414666baeecadf10a158b68b0929d272187dbc768fdcc836ac
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2

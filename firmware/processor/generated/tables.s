@@ -1,5 +1,5 @@
-# Made by clang; do not edit.
-# from tables.c and headers, sha256 2961267027a30d1443fdb5e4d51dccea0d7afb2224a1ddcef9d60aa4ac2a5e4f
+# Made by clang from tables.c; do not edit.
+# sha256 of it and what it includes: 801fc5f8c952b76c19f274effb36763a1d9a0a881b04899905e7b4a569d2888a
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
