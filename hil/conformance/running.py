@@ -322,11 +322,15 @@ def _emulated(url: str, key: Ed25519PrivateKey | None, stack: ExitStack) -> tupl
 
 def _flash(key: Ed25519PrivateKey | None, firmware: Image | FirmwareChoice) -> Flash:
     """Parameters of a device with its firmware, or with as many blocks and sectors of firmware as a real one."""
-    from ...firmware.images import device_image
+    if firmware == "model":
+        segments = (Segment(Target.ALL_PROCESSORS, bytes(range(1, 256)) * 21), Segment(Target.CONTROLLER, bytes(6000)))
+        image = Image(Version(1, 0, 0), segments)
+    elif firmware == "xs1":
+        from ...firmware.images import device_image
 
-    segments = (Segment(Target.ALL_PROCESSORS, bytes(range(1, 256)) * 21), Segment(Target.CONTROLLER, bytes(6000)))
-    stand_in = Image(Version(1, 0, 0), segments)
-    image = firmware if isinstance(firmware, Image) else device_image() if firmware == "xs1" else stand_in
+        image = device_image()
+    else:
+        image = firmware
     keys = () if key is None else (key.public_key(),)
     identity = DeviceIdentity(f"CONFORMANCE-{next(_serials)}", Wiring.strips(), keys)
     return make_flash(identity, image if key is None else sign(image, key))
