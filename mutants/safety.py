@@ -197,11 +197,11 @@ def _keep_from_silence(patch: Patch, place_is_deaf: Any) -> None:
 
     @patch.around(ModelledChain, "apply")
     def apply(original: Any, self: Any, item: Any, begun: int = 0) -> None:
-        everybody = self.processors
+        everybody = self._models
         if vars(item).get("is_silence"):
-            self.processors = [processor for processor in everybody if not place_is_deaf(processor.place)]
+            self._models = [processor for processor in everybody if not place_is_deaf(processor.place)]
         original(self, item, begun)
-        self.processors = everybody
+        self._models = everybody
 
     @patch.around(Chain, "send")
     def send(original: Any, self: Any, change: Any) -> None:
