@@ -19,6 +19,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from ..errors import InputFileError
 from ..storage import FilePath, read_text
 from .linking import link
 from .parsing import parse
@@ -82,10 +83,15 @@ def assemble(
     if base % 4 or base < 0:
         raise ValueError(f"base is {base}; it must be a multiple of 4, such as 0x10000")
     defines, errors = defines or {}, list[str]()
-    objects = [
-        parse(source.name, source.text, library=source.library, defines=defines, errors=errors) for source in sources
-    ]
-    return link(objects, base=base, defines=defines, errors=errors)
+    try:
+        objects = [
+            parse(source.name, source.text, library=source.library, defines=defines, errors=errors)
+            for source in sources
+        ]
+        return link(objects, base=base, defines=defines, errors=errors)
+    except RecursionError as error:
+        names = ", ".join(source.name for source in sources)
+        raise InputFileError(f"{names}: an expression has too many terms; name parts of it by .equ") from error
 
 
 def runtime() -> AssemblySource:

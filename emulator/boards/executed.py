@@ -170,9 +170,12 @@ class ExecutedProcessor(Package):
         if not self.clock.exact:
             arrives += self._own(self._scheduler.now) - self._scheduler.now
         step = self._link.cycles_per_token
-        first = arrives - (len(tokens) - 1) * step
-        arrives += max(self.core.earliest_delivery(channel_end) - first, 0)  # behind an answer of its switch
-        self.core.deliver_evenly(channel_end, tokens, arrives, step)
+        try:
+            self.core.deliver_evenly(channel_end, tokens, arrives, step)
+        except ValueError:  # an answer of its switch has gone first
+            first = arrives - (len(tokens) - 1) * step
+            late = self.core.earliest_delivery(channel_end) - first
+            self.core.deliver_evenly(channel_end, tokens, arrives + late, step)
         self._waiting_tokens += len(tokens)
         if self._waiting_tokens > MOST_WAITING_TOKENS:
             self.execute()

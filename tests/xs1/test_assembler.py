@@ -563,3 +563,8 @@ MANY_FORMS = r"""
  .size x, .-x
 x: ldw r0, dp[x]
 """
+
+
+def test_an_expression_of_too_many_terms_is_refused() -> None:
+    with pytest.raises(InputFileError, match=r"long\.s: an expression has too many terms"):
+        assemble([AssemblySource("long.s", "ldc r0, " + "1 + " * 3000 + "1")])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from phasewire.xs1.assembler import AssemblySource, assemble
 from phasewire.xs1.core import Core, Stop
 from phasewire.xs1.names import EXCEPTIONS
 
@@ -1280,3 +1281,13 @@ def test_names_of_resources() -> None:
     assert [(view.state, view.waits_for, view.resource) for view in made.threads()[:3]] == [
         ("paused", "a lock", "lock 0"), ("paused", "a word", "channel end 1"), ("free", "", ""),
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", [2, 3, 5, 6])
+def test_a_condition_is_for_ports_and_timers_alone(kind: int) -> None:
+    """A channel end, a synchroniser, a lock or a clock block has none: refused, and nothing is written."""
+    program = assemble([AssemblySource("cond.s", f"getr r0, {kind}\nldc r1, 0x7ff9\nsetc res[r0], r1\nwaiteu\n")])
+    core = Core(program.image)
+    assert core.run(1000) is Stop.TRAPPED
+    assert core.trap is not None
+    assert core.trap.type == 4
