@@ -323,7 +323,6 @@ def main() -> None:
     program = program_of(sources)
     IMAGE.write_bytes(stored(program))
     MAP.write_text(program.map_text(), encoding="utf-8")
-    load_processor.cache_clear()
     sys.stdout.write(budget(program, sources).text() + "\n")
 
 

@@ -44,6 +44,7 @@ __all__ = [
     "Program",
     "Report",
     "Slice",
+    "commit_checksum",
     "decode",
     "loads",
 ]
@@ -229,17 +230,18 @@ class Commit(_ToProcessor):
     def of(cls, period: int, piece: Slice) -> Commit:
         """The commit that goes with a slice."""
         whole("period", period, 0, 2**64 - 1)
-        return cls(piece.processor, period, _commit_checksum(period, piece.packed))
+        return cls(piece.processor, period, commit_checksum(period, piece.packed))
 
     def guards(self, packed: bytes) -> bool:
         """Whether both this commit and the slice that a mailbox holds are undamaged and belong together."""
-        return self.checksum == _commit_checksum(self.period, packed)
+        return self.checksum == commit_checksum(self.period, packed)
 
     def _fields(self) -> tuple[Any, ...]:
         return self.period, self.checksum
 
 
-def _commit_checksum(period: int, packed: bytes) -> int:
+def commit_checksum(period: int, packed: bytes) -> int:
+    """The CRC-32 that guards a slice's 48 bytes and its period (clause CHN-011)."""
     return zlib.crc32(period.to_bytes(8, "little"), zlib.crc32(packed))
 
 

@@ -17,6 +17,7 @@ from ...protocol.codes import CONTROLLER_NODE, END_TOKEN, UNNUMBERED_NODE
 from ...protocol.timing import Link
 from ...xs1.core import Core, Sent, Stop
 from ...xs1.names import PORT_IDS
+from ...xs1.state import CHANNEL_ENDS
 from ...xs1.switch import CONTROL, SWITCH_CONFIGURATION, XLINK, LinkField, Switch, serve
 from ..ports.capture import Track
 from ..ports.clock import BoardClock, Timebase
@@ -30,7 +31,6 @@ OUTPUTS, SYNC_LINE, SUPPLY_GOOD, TEMPERATURE = (PORT_IDS[name] for name in ("32A
 UP_LINK, DOWN_LINK = 0, 1
 """The switch's links to the controller and away from it."""
 ROUTE_TOKENS = 3
-CHANNEL_ENDS = 32
 MOST_MESSAGES, MESSAGE_CYCLES = 1000, CYCLES_PER_MS // 20
 """A processor that sends more than so many, and one more each so many cycles, is given up: it floods the emulator."""
 SAMPLING_CYCLES = 195
@@ -196,9 +196,9 @@ class ExecutedProcessor(Package):
         if node != CONTROLLER_NODE:
             self._log(f"says something to node {node:#06x}, which nobody hears")
             return
-        tokens = bytes([*node.to_bytes(2, "big"), end, *(int(token) & 0xFF for token in sent.tokens)])
         if not self.passes(node, UP_LINK):
             return
+        tokens = bytes([*node.to_bytes(2, "big"), end, *(int(token) & 0xFF for token in sent.tokens)])
         # The links carry a message as a whole: it begins as late as its last token demands.
         begins = max(sent.begins, sent.ends - (len(tokens) - 1) * self._link.cycles_per_token)
         self._answers.append((tokens, begins + self._scheduler.now - self._own(self._scheduler.now)))
@@ -225,7 +225,7 @@ class ExecutedProcessor(Package):
         self._time = time
         self._pulse()
 
-    def feel_pulse(self, tick: int) -> None:  # noqa: ARG002
+    def feel_pulse(self, tick: int) -> None:  # noqa: ARG002  # a base class decides
         """A later pulse of the sync line is due, at a tick of the device."""
         self._pulse()
 

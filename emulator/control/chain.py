@@ -44,7 +44,7 @@ from ..scheduler import NEVER, Scheduler
 from ..trace import Tracer
 from .agenda import Change, UpdateBatch
 
-__all__ = ["Chain", "ModelledChain", "Numbering", "Passing", "Tamper"]
+__all__ = ["Chain", "ModelledChain", "Numbering", "Passing", "Tamper", "piece_of"]
 
 STALL_CYCLES = STALL_MS * CYCLES_PER_MS
 LINK_CYCLES = LINK_MS * CYCLES_PER_MS
@@ -132,7 +132,7 @@ class Chain(ABC):
         """Send the messages of a change (clause CHN-029)."""
         messages: list[Message] = []
         if change.packed is not None:
-            slices = [Slice(place, _piece(change.packed, place)) for place in range(PROCESSORS)]
+            slices = [Slice(place, piece_of(change.packed, place)) for place in range(PROCESSORS)]
             messages += [*slices, *(Commit.of(change.period, piece) for piece in slices)]
         for program in change.programs:
             fields = (program.memory, program.period, program.first, program.count, program.hold, program.repeats)
@@ -244,7 +244,7 @@ class ModelledChain(Chain):
             return
         for processor in self._models:
             if item.packed is not None:
-                piece = np.frombuffer(_piece(item.packed, processor.place), np.uint8)[None]
+                piece = np.frombuffer(piece_of(item.packed, processor.place), np.uint8)[None]
                 processor.play(np.array([item.period]), piece)
             for program in item.programs:
                 processor.carry_out(program)
@@ -265,7 +265,7 @@ class ModelledChain(Chain):
         """What a processor plays in a period."""
         return self._models[number].playing(period)
 
-    def first_report(self, number: int, identity: Identity) -> Report:  # noqa: ARG002
+    def first_report(self, number: int, identity: Identity) -> Report:  # noqa: ARG002  # a base class decides
         """Its report, read off it."""
         report = self._models[number].receive(Collect(number, ChannelEnd.REPORT).encode())
         assert isinstance(report, Report)
@@ -273,7 +273,7 @@ class ModelledChain(Chain):
 
     # Unfolded
 
-    def _bring(self, passage: Passage, message: Message, passing: Passing) -> None:  # noqa: ARG002
+    def _bring(self, passage: Passage, message: Message, passing: Passing) -> None:  # noqa: ARG002  # a base class decides
         assert passage.arrives is not None
         self._scheduler.at(passage.arrives, lambda: self._arrive(passage.processor, passing.tokens, passing.ends))
 
@@ -294,7 +294,8 @@ class ModelledChain(Chain):
         self._pass_up(place, tokens, self._scheduler.now)
 
 
-def _piece(packed: bytes, place: int) -> bytes:
+def piece_of(packed: bytes, place: int) -> bytes:
+    """A processor's 48 bytes of an update."""
     return packed[place * SLICE_BYTES : (place + 1) * SLICE_BYTES]
 
 

@@ -6,12 +6,21 @@ of a processor that was asked something is executed in steps that are shorter th
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 
 from ...protocol.board import CYCLES_PER_MS, PROCESSORS
-from ...protocol.chain import SLICE_BYTES, Collect, Commit, Identity, Message, Number, Playing, Report, Slice
+from ...protocol.chain import (
+    Collect,
+    Commit,
+    Identity,
+    Message,
+    Number,
+    Playing,
+    Report,
+    Slice,
+    commit_checksum,
+)
 from ...protocol.codes import CONTROLLER_NODE, LINK_MS, ChannelEnd
 from ...protocol.timing import HOP_CYCLES, Link
 from ..boards.executed import DOWN_LINK, UP_LINK, ExecutedProcessor, with_end
@@ -20,7 +29,7 @@ from ..boards.package import AMBIENT_C
 from ..scheduler import Scheduler
 from ..trace import Tracer
 from .agenda import Change, UpdateBatch
-from .chain import Chain, Passing, Tamper
+from .chain import Chain, Passing, Tamper, piece_of
 
 __all__ = ["ExecutedChain"]
 
@@ -89,8 +98,8 @@ class ExecutedChain(Chain):
         for processor, slice_arrives, commit_arrives in zip(
             self._executed, arrives[:PROCESSORS], arrives[PROCESSORS:], strict=True
         ):
-            piece = packed[processor.place * SLICE_BYTES : (processor.place + 1) * SLICE_BYTES]
-            checksum = zlib.crc32(named, zlib.crc32(piece)).to_bytes(4, "little")
+            piece = piece_of(packed, processor.place)
+            checksum = commit_checksum(period, piece).to_bytes(4, "little")
             processor.deliver(ChannelEnd.SLICE, with_end(piece), slice_arrives)
             processor.deliver(ChannelEnd.COMMIT, with_end(named + checksum), commit_arrives)
 
