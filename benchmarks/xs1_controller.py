@@ -1,4 +1,4 @@
-"""Cycles of the controller's kernels, executed instruction by instruction: the numbers behind BUD-003 and BUD-008.
+"""Cycles of the controller's kernels, executed instruction by instruction: the numbers of BUD-003 and BUD-008.
 
 ``python benchmarks/xs1_controller.py`` prints them; they are the same on every machine. Each pair is the count if
 instructions are fetched without delay, and that under the pessimistic rule.

@@ -277,7 +277,7 @@ class _Linker:
         table.size = 2 * len(table.targets) + 4 * len(table.far)
 
     def best(self, scope: _Scope, item: SymbolicCode, errors: list[str]) -> list[_Encoded]:
-        """The shortest encoding of an instruction, or nothing if it has none; then the errors are appended."""
+        """The shortest encoding of an instruction. If it has none, the errors are appended."""
         found: list[_Encoded] = []
         for candidate in item.candidates:
             try:

@@ -194,7 +194,7 @@ class ExecutedProcessor(Package):
             return
         node, end = sent.destination >> 16, sent.destination >> 8 & 0xFF
         if node != CONTROLLER_NODE:
-            self._log(f"says something to node {node:#06x}, which nobody hears")
+            self._log(f"sends a message to node {node:#06x}, which does not exist")
             return
         if not self.passes(node, UP_LINK):
             return
@@ -266,7 +266,7 @@ class ExecutedProcessor(Package):
         self.core.set_issue_cycles(ISSUE_CYCLES * slowness)
 
     def stop(self) -> None:
-        """Lose power: the pins fall low at once, and nothing is executed any more."""
+        """Lose power: the pins fall low at once, and execution ends."""
         self.execute()
         super().stop()
 
