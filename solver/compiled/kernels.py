@@ -21,10 +21,12 @@ from numpy.polynomial.chebyshev import Chebyshev
 from numpy.polynomial.polynomial import Polynomial
 
 from ...compiling import kernel
-from .simd import LANES, load, nearest, spread, store, total
+from .simd import LANES, if_positive, inverse_root, load, magnitude, nearest, spread, store, total, totals
 
 ROWS = 4
 """Rows of B that are read together."""
+TILE = 8
+"""Rows of B that `fill_gram` uses with all others before it goes on; of 320 transducers they take 20 kB."""
 
 X, Y, Z, NX, NY, NZ, GAIN, LEAD, LIMIT, ELEMENT_ROWS = range(10)
 """Rows of the table of transducers: position/m, normal, gain, phase of the response in turns, largest drive."""
@@ -112,20 +114,18 @@ def _decay(nepers: Any) -> Any:
 
 
 @_part
-def _element(
+def _arrival(
     dx: Any, dy: Any, dz: Any, nx: Any, ny: Any, nz: Any, gain: Any, lead: Any, c: Any, turns: Any, nepers: Any
 ) -> Any:
-    """Signed amplitude and wave of a transducer at an offset; ``nepers`` None for no absorption."""
+    """Signed amplitude and phase in turns of a transducer's wave at an offset; ``nepers`` None for no absorption."""
     d2 = dx * dx + dy * dy + dz * dz + TINY
-    r = np.sqrt(d2)
-    inverse = F(1) / r
+    inverse = inverse_root(d2)
+    r = d2 * inverse
     cosine = (dx * nx + dy * ny + dz * nz) * inverse
-    amplitude = gain * _directivity(c, F(1) - cosine * cosine) * inverse
+    amplitude = gain * inverse * _directivity(c, F(1) - cosine * cosine)
     if nepers is not None:
         amplitude *= _decay(nepers * r)
-    amplitude = amplitude if cosine > F(0) else F(0)
-    c, s = _wave(turns * r + lead)
-    return amplitude, c, s
+    return if_positive(cosine, amplitude), turns * r + lead
 
 
 @_part
@@ -197,23 +197,32 @@ def fill_transfer(
     elements: Any, directivity: Any, turns: Any, nepers: Any, points: Any, origin: Any, wanted: Any,
     re: Any, im: Any, reach: Any,
 ) -> None:  # fmt: skip
-    """Write the transfer matrix into re and im, and Σ_i |A_iq|·wanted_i, of (11), into reach."""
+    """Write the transfer matrix into re and im, and Σ_i |A_iq|·wanted_i, of (11), into reach.
+
+    A row's amplitudes and phases come before its waves: a processor then has more independent work at hand.
+    """
     m, columns = len(points), re.shape[1]
     c = (directivity[0], directivity[1], directivity[2], directivity[3], directivity[4], directivity[5], directivity[6])
-    for q in range(columns):
-        reach[q] = F(0)
+    reached = reach.reshape(1, columns)
+    for q in range(0, columns, LANES):
+        store(reached, 0, q, spread(F(0)))
     for i in range(m):
         px, py, pz = F(points[i, 0] - origin[0]), F(points[i, 1] - origin[1]), F(points[i, 2] - origin[2])
         weight = wanted[i]
-        for q in range(columns):
-            amplitude, wave_re, wave_im = _element(
-                px - elements[X, q], py - elements[Y, q], pz - elements[Z, q],
-                elements[NX, q], elements[NY, q], elements[NZ, q], elements[GAIN, q], elements[LEAD, q],
-                c, turns, nepers,
+        for q in range(0, columns, LANES):
+            amplitude, phase = _arrival(
+                px - load(elements, X, q), py - load(elements, Y, q), pz - load(elements, Z, q),
+                load(elements, NX, q), load(elements, NY, q), load(elements, NZ, q),
+                load(elements, GAIN, q), load(elements, LEAD, q), c, turns, nepers,
             )  # fmt: skip
-            reach[q] += weight * abs(amplitude)
-            re[i, q] = amplitude * wave_re
-            im[i, q] = amplitude * wave_im
+            store(reached, 0, q, load(reached, 0, q) + weight * magnitude(amplitude))
+            store(re, i, q, amplitude)
+            store(im, i, q, phase)
+        for q in range(0, columns, LANES):
+            amplitude = load(re, i, q)
+            cosine, sine = _wave(load(im, i, q))
+            store(re, i, q, amplitude * cosine)
+            store(im, i, q, amplitude * sine)
 
 
 @_part
@@ -259,26 +268,31 @@ def transfer_by_table(
 
 @_part
 def fill_gram(re: Any, im: Any, gram_re: Any, gram_im: Any) -> None:
-    """G = B·Bᴴ, both triangles, two rows by two at a time.
+    """G = B·Bᴴ, both triangles, two rows by two at a time, of a tile of rows that stays in the first-level cache.
 
     With a = x + iy and c = u + iv: Re(a·c*) = xu + yv and Im(a·c*) = (x + y)(u − v) − xu + yv, three products for four.
     """
     rows, columns = re.shape
     zero = spread(F(0))
-    for i in range(0, rows, 2):
-        for j in range(0, i + 2, 2):
-            p00 = p01 = p10 = p11 = q00 = q01 = q10 = q11 = s00 = s01 = s10 = s11 = zero
-            for q in range(0, columns, LANES):
-                ar, ai, br, bi = load(re, i, q), load(im, i, q), load(re, i + 1, q), load(im, i + 1, q)
-                cr, ci, dr, di = load(re, j, q), load(im, j, q), load(re, j + 1, q), load(im, j + 1, q)
-                p00, p01, p10, p11 = p00 + ar * cr, p01 + ar * dr, p10 + br * cr, p11 + br * dr
-                q00, q01, q10, q11 = q00 + ai * ci, q01 + ai * di, q10 + bi * ci, q11 + bi * di
-                a, b, c, d = ar + ai, br + bi, cr - ci, dr - di
-                s00, s01, s10, s11 = s00 + a * c, s01 + a * d, s10 + b * c, s11 + b * d
-            _enter(gram_re, gram_im, i, j, total(p00 + q00), total(s00 - p00 + q00))
-            _enter(gram_re, gram_im, i, j + 1, total(p01 + q01), total(s01 - p01 + q01))
-            _enter(gram_re, gram_im, i + 1, j, total(p10 + q10), total(s10 - p10 + q10))
-            _enter(gram_re, gram_im, i + 1, j + 1, total(p11 + q11), total(s11 - p11 + q11))
+    for tile in range(0, rows, TILE):
+        for i in range(tile, rows, 2):
+            for j in range(tile, min(i + 2, tile + TILE), 2):
+                p00 = p01 = p10 = p11 = q00 = q01 = q10 = q11 = s00 = s01 = s10 = s11 = zero
+                for q in range(0, columns, LANES):
+                    ar, ai, br, bi = load(re, i, q), load(im, i, q), load(re, i + 1, q), load(im, i + 1, q)
+                    cr, ci, dr, di = load(re, j, q), load(im, j, q), load(re, j + 1, q), load(im, j + 1, q)
+                    p00, p01, p10, p11 = p00 + ar * cr, p01 + ar * dr, p10 + br * cr, p11 + br * dr
+                    q00, q01, q10, q11 = q00 + ai * ci, q01 + ai * di, q10 + bi * ci, q11 + bi * di
+                    a, b, c, d = ar + ai, br + bi, cr - ci, dr - di
+                    s00, s01, s10, s11 = s00 + a * c, s01 + a * d, s10 + b * c, s11 + b * d
+                r00, r01, r10, r11, i00, i01, i10, i11 = totals((
+                    p00 + q00, p01 + q01, p10 + q10, p11 + q11,
+                    s00 - p00 + q00, s01 - p01 + q01, s10 - p10 + q10, s11 - p11 + q11,
+                ))  # fmt: skip
+                _enter(gram_re, gram_im, i, j, r00, i00)
+                _enter(gram_re, gram_im, i, j + 1, r01, i01)
+                _enter(gram_re, gram_im, i + 1, j, r10, i10)
+                _enter(gram_re, gram_im, i + 1, j + 1, r11, i11)
 
 
 @_part
@@ -342,64 +356,85 @@ def iterate_phases(
 
 
 @_part
+def _less(re: Any, im: Any, ar: Any, ai: Any, br: Any, bi: Any) -> Any:
+    """re + i·im − a·b*."""
+    return re - ar * br - ai * bi, im - ai * br + ar * bi
+
+
+@_part
+def _inverse_pivot(pivot: Any, k: int, m: int, mu: Any, mean: Any) -> Any:
+    """1/diag(L) in column k, from the pivot without regularisation."""
+    return F(1) / np.sqrt(max(pivot + (mu * mean if k < m else mean), F(1e-7) * mean))
+
+
+@_part
 def factorise(
     gram_re: Any, gram_im: Any, m: int, rows: int, mu: Any, lower_re: Any, lower_im: Any, inverse: Any
 ) -> None:
     """Cholesky of G + μ·tr(G)/m·I = L·Lᴴ, four columns at a time; μ keeps it from being singular.
 
-    L stands in ``lower`` twice, in the columns and, transposed, in the rows, so that `substitute` reads along rows both
-    ways; ``inverse`` is 1/diag(L). Rows from m on are those of a multiple of the unit matrix.
+    Below its diagonal L stands in ``lower`` twice, in the columns and, transposed, in the rows, so that `substitute`
+    reads along rows both ways; ``inverse`` is 1/diag(L). Rows from m on are those of a multiple of the unit matrix.
     """
     padded = gram_re.shape[1]
     mean = TINY
     for j in range(m):
         mean += gram_re[j, j] / F(m)
+    zero = spread(F(0))
     for j in range(0, rows, 4):
         for i in range(j // LANES * LANES, padded, LANES):
-            r0, r1, r2, r3 = (
-                load(gram_re, j, i),
-                load(gram_re, j + 1, i),
-                load(gram_re, j + 2, i),
-                load(gram_re, j + 3, i),
-            )
-            i0, i1, i2, i3 = (
-                load(gram_im, j, i),
-                load(gram_im, j + 1, i),
-                load(gram_im, j + 2, i),
-                load(gram_im, j + 3, i),
-            )
-            for k in range(j):  # column j of G is the conjugate of row j; so are the sums until they are stored
+            r0, i0 = load(gram_re, j, i), zero - load(gram_im, j, i)  # column j of G is the conjugate of row j
+            r1, i1 = load(gram_re, j + 1, i), zero - load(gram_im, j + 1, i)
+            r2, i2 = load(gram_re, j + 2, i), zero - load(gram_im, j + 2, i)
+            r3, i3 = load(gram_re, j + 3, i), zero - load(gram_im, j + 3, i)
+            for k in range(j):
                 a, b = load(lower_re, k, i), load(lower_im, k, i)
-                c, d = spread(lower_re[k, j]), spread(lower_im[k, j])
-                r0, i0 = r0 - a * c - b * d, i0 + b * c - a * d
-                c, d = spread(lower_re[k, j + 1]), spread(lower_im[k, j + 1])
-                r1, i1 = r1 - a * c - b * d, i1 + b * c - a * d
-                c, d = spread(lower_re[k, j + 2]), spread(lower_im[k, j + 2])
-                r2, i2 = r2 - a * c - b * d, i2 + b * c - a * d
-                c, d = spread(lower_re[k, j + 3]), spread(lower_im[k, j + 3])
-                r3, i3 = r3 - a * c - b * d, i3 + b * c - a * d
-            zero = spread(F(0))
+                r0, i0 = _less(r0, i0, a, b, lower_re[k, j], lower_im[k, j])
+                r1, i1 = _less(r1, i1, a, b, lower_re[k, j + 1], lower_im[k, j + 1])
+                r2, i2 = _less(r2, i2, a, b, lower_re[k, j + 2], lower_im[k, j + 2])
+                r3, i3 = _less(r3, i3, a, b, lower_re[k, j + 3], lower_im[k, j + 3])
             store(lower_re, j, i, r0)
+            store(lower_im, j, i, i0)
             store(lower_re, j + 1, i, r1)
+            store(lower_im, j + 1, i, i1)
             store(lower_re, j + 2, i, r2)
+            store(lower_im, j + 2, i, i2)
             store(lower_re, j + 3, i, r3)
-            store(lower_im, j, i, zero - i0)
-            store(lower_im, j + 1, i, zero - i1)
-            store(lower_im, j + 2, i, zero - i2)
-            store(lower_im, j + 3, i, zero - i3)
-        for k in range(j, j + 4):
-            pivot = lower_re[k, k] + (mu * mean if k < m else mean)
-            inverse[k] = F(1) / np.sqrt(max(pivot, F(1e-7) * mean))
-            lower_re[k, k] = pivot
-            scale = spread(inverse[k])
-            for i in range(j // LANES * LANES, padded, LANES):
-                a, b = load(lower_re, k, i) * scale, load(lower_im, k, i) * scale
-                store(lower_re, k, i, a)
-                store(lower_im, k, i, b)
-                for t in range(k + 1, j + 4):
-                    c, d = spread(lower_re[k, t]), spread(lower_im[k, t])
-                    store(lower_re, t, i, load(lower_re, t, i) - a * c - b * d)
-                    store(lower_im, t, i, load(lower_im, t, i) - b * c + a * d)
+            store(lower_im, j + 3, i, i3)
+        n0 = _inverse_pivot(lower_re[j, j], j, m, mu, mean)
+        a1, b1 = lower_re[j, j + 1] * n0, lower_im[j, j + 1] * n0
+        a2, b2 = lower_re[j, j + 2] * n0, lower_im[j, j + 2] * n0
+        a3, b3 = lower_re[j, j + 3] * n0, lower_im[j, j + 3] * n0
+        n1 = _inverse_pivot(lower_re[j + 1, j + 1] - (a1 * a1 + b1 * b1), j + 1, m, mu, mean)
+        c2, d2 = _less(lower_re[j + 1, j + 2], lower_im[j + 1, j + 2], a2, b2, a1, b1)
+        c3, d3 = _less(lower_re[j + 1, j + 3], lower_im[j + 1, j + 3], a3, b3, a1, b1)
+        c2, d2, c3, d3 = c2 * n1, d2 * n1, c3 * n1, d3 * n1
+        n2 = _inverse_pivot(lower_re[j + 2, j + 2] - (a2 * a2 + b2 * b2) - (c2 * c2 + d2 * d2), j + 2, m, mu, mean)
+        e3, f3 = _less(lower_re[j + 2, j + 3], lower_im[j + 2, j + 3], a3, b3, a2, b2)
+        e3, f3 = _less(e3, f3, c3, d3, c2, d2)
+        e3, f3 = e3 * n2, f3 * n2
+        n3 = _inverse_pivot(
+            lower_re[j + 3, j + 3] - (a3 * a3 + b3 * b3) - (c3 * c3 + d3 * d3) - (e3 * e3 + f3 * f3), j + 3, m, mu, mean
+        )
+        inverse[j], inverse[j + 1], inverse[j + 2], inverse[j + 3] = n0, n1, n2, n3
+        for i in range(j // LANES * LANES, padded, LANES):
+            r0, i0 = load(lower_re, j, i) * n0, load(lower_im, j, i) * n0
+            r1, i1 = _less(load(lower_re, j + 1, i), load(lower_im, j + 1, i), r0, i0, a1, b1)
+            r1, i1 = r1 * n1, i1 * n1
+            r2, i2 = _less(load(lower_re, j + 2, i), load(lower_im, j + 2, i), r0, i0, a2, b2)
+            r2, i2 = _less(r2, i2, r1, i1, c2, d2)
+            r2, i2 = r2 * n2, i2 * n2
+            r3, i3 = _less(load(lower_re, j + 3, i), load(lower_im, j + 3, i), r0, i0, a3, b3)
+            r3, i3 = _less(r3, i3, r1, i1, c3, d3)
+            r3, i3 = _less(r3, i3, r2, i2, e3, f3)
+            store(lower_re, j, i, r0)
+            store(lower_im, j, i, i0)
+            store(lower_re, j + 1, i, r1)
+            store(lower_im, j + 1, i, i1)
+            store(lower_re, j + 2, i, r2)
+            store(lower_im, j + 2, i, i2)
+            store(lower_re, j + 3, i, r3 * n3)
+            store(lower_im, j + 3, i, i3 * n3)
     for k in range(rows):
         for i in range(k + 1, rows):
             lower_re[i, k], lower_im[i, k] = lower_re[k, i], lower_im[k, i]
@@ -891,9 +926,10 @@ def sum_pressure(elements: Any, directivity: Any, turns: Any, nepers: Any, origi
             x, y, z = elements[X, q], elements[Y, q], elements[Z, q]
             nx, ny, nz, dr, di = elements[NX, q], elements[NY, q], elements[NZ, q], drive[0, q], drive[1, q]
             for i in range(len(part)):
-                amplitude, wave_re, wave_im = _element(
+                amplitude, phase = _arrival(
                     px[i] - x, py[i] - y, pz[i] - z, nx, ny, nz, F(1), F(0), c, turns, nepers
                 )
+                wave_re, wave_im = _wave(phase)
                 re[i] += amplitude * (wave_re * dr - wave_im * di)
                 im[i] += amplitude * (wave_re * di + wave_im * dr)
         for i in range(len(part)):
