@@ -41,6 +41,9 @@ REACH, WEIGHT, DRIVE, UNWEIGHED = (0, 0), (0, 1), 1, 2
 SOLVED, PHASE, LIMITED = range(3)
 """Output policies."""
 
+TURNS, GAMMA, MU, HEADROOM, RELAXATION, NUDGE, SETTINGS = range(7)
+"""Numbers in an update's settings, float32: wave fronts per metre, and those of the method."""
+
 DIRECTIVITY_TERMS = 7
 """Enough for ka up to 6, a radius of 8 mm at 40 kHz."""
 MAX_NEPERS = 2.0
@@ -582,6 +585,18 @@ def work_size(m: int, columns: int) -> int:
     return 2 * rows * columns + 4 * padded * padded + 12 * padded + 6 * columns
 
 
+@_jitable
+def phases_of(m: int, room: Any) -> Any:
+    """The phases of m points, (2, padded), in a room of at least `phases_size`."""
+    padded = (m + LANES - 1) // LANES * LANES
+    return room[: 2 * padded].reshape(2, padded)
+
+
+def phases_size(m: int) -> int:
+    """Length of the room for the phases of m points, in float32."""
+    return 2 * (-(-m // LANES) * LANES)
+
+
 @_part
 def set_wanted(amplitudes: Any, m: int, columns: int, work: Any) -> None:
     """Enter amplitudes into the work space, the largest as 1."""
@@ -594,15 +609,14 @@ def set_wanted(amplitudes: Any, m: int, columns: int, work: Any) -> None:
 
 
 @_part
-def _model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
-          points: Any, amplitudes: Any, work: Any) -> int:  # fmt: skip
-    """Fill the transfer matrix and reach. Returns what `first_suspect` does."""
+def _model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, points: Any, amplitudes: Any,
+           work: Any) -> None:  # fmt: skip
+    """Fill the transfer matrix and reach."""
     m, columns = len(points), elements.shape[1]
     parts = carve(work, m, columns)
     set_wanted(amplitudes, m, columns, work)
     fill_transfer(elements=elements, directivity=directivity, turns=turns, nepers=nepers, points=points, origin=origin,
                   wanted=parts.vectors[WANTED], re=parts.re[:m], im=parts.im[:m], reach=parts.spans[REACH])  # fmt: skip
-    return int(first_suspect(points, bounds, farthest))
 
 
 @_kernel
@@ -634,21 +648,23 @@ def _begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: A
         for q in range(columns):
             re[i, q] = im[i, q] = F(0)
     weigh(re[:m], im[:m], reach, m, gamma, weight)
-    for i in range(len(gram_re)):
+    rows, padded = len(re), len(gram_re)
+    for i in range(padded):
         response[i] = F(0)
-        for j in range(len(gram_re)):
+        for j in range(rows if i < rows else 0, padded):
             gram_re[i, j] = gram_im[i, j] = F(0)
     fill_gram(re, im, gram_re, gram_im)
     for j in range(m):
         response[j] = wanted[j] / max(gram_re[j, j], TINY)
-    iterate_phases(gram_re, gram_im, response, len(re), phase_steps, power, u, vectors[AIM])
+    iterate_phases(gram_re, gram_im, response, rows, phase_steps, power, u, vectors[AIM])
 
 
 @_kernel
 def model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
           points: Any, amplitudes: Any, work: Any) -> int:  # fmt: skip
     """Fill the transfer matrix and reach. Returns what `first_suspect` does."""
-    return int(_model(elements, directivity, turns, nepers, origin, bounds, farthest, points, amplitudes, work))
+    _model(elements, directivity, turns, nepers, origin, points, amplitudes, work)
+    return int(first_suspect(points, bounds, farthest))
 
 
 @_kernel
@@ -781,36 +797,68 @@ def level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
     return float(_level(m, columns, weighed, work, drive))
 
 
+@_part
+def _update(
+    elements: Any, directivity: Any, nepers: Any, origin: Any, settings: Any, phase_steps: int, power: int,
+    output: int, steps: int, points: Any, amplitudes: Any, ids: Any, before_ids: Any, before: Any, cold: Any,
+    work: Any, u: Any, drive: Any,
+) -> None:  # fmt: skip
+    """One update from points to drives; the phases u begin as `_carry` has them."""
+    m = len(points)
+    _carry(m, ids, before_ids, before, cold, settings[NUDGE], u)
+    _model(elements=elements, directivity=directivity, turns=settings[TURNS], nepers=nepers, origin=origin,
+           points=points, amplitudes=amplitudes, work=work)  # fmt: skip
+    _begin(m, elements.shape[1], settings[GAMMA], phase_steps, power != 0, u, work)
+    _finish(elements=elements, m=m, u=u, mu=settings[MU], output=output, headroom=settings[HEADROOM],
+            relaxation=settings[RELAXATION], steps=steps, work=work, drive=drive)  # fmt: skip
+
+
+@_kernel
+def update(
+    elements: Any, directivity: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any, power: int,
+    output: int, steps: int, settings: Any, phase_steps: int, points: Any, amplitudes: Any, ids: Any,
+    before_ids: Any, before: Any, cold: Any, work: Any, u: Any, drive: Any, sure: int,
+) -> int:  # fmt: skip
+    """One update without Python in between, from the last phases ``before`` to those in ``u``, both as `phases_of` has.
+
+    Returns what `first_suspect` does; if there is a suspect point and they are not ``sure``, nothing was done.
+    """
+    found = -1 if sure else first_suspect(points, bounds, farthest)
+    if found < 0:
+        m = len(points)
+        _update(
+            elements=elements, directivity=directivity, nepers=nepers, origin=origin, settings=settings,
+            phase_steps=phase_steps, power=power, output=output, steps=steps,
+            points=points, amplitudes=amplitudes, ids=ids,
+            before_ids=before_ids, before=phases_of(len(before_ids), before), cold=cold,
+            work=work, u=phases_of(m, u), drive=drive,
+        )  # fmt: skip
+    return int(found)
+
+
 @_kernel
 def update_frames(
-    elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
-    points: Any, amplitudes: Any, begins: Any, first: int, stride: int, gamma: Any, phase_steps: int, power: bool,
-    cold: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int, work: Any, u: Any, drives: Any,
+    elements: Any, directivity: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any, power: int,
+    output: int, steps: int, settings: Any, phase_steps: int, points: Any, amplitudes: Any, begins: Any,
+    first: int, stride: int, ids: Any, cold: Any, work: Any, u: Any, drives: Any,
 ) -> int:  # fmt: skip
     """Every ``stride``-th frame from ``first`` on, each from a cold start, without Python in between.
 
     Frame f has the points from ``begins[f]`` to ``begins[f + 1]``. Returns the first frame with a suspect point,
     or -1.
     """
-    columns = elements.shape[1]
     suspect = -1
     for f in range(first, len(begins) - 1, stride):
-        m = begins[f + 1] - begins[f]
-        padded = (m + LANES - 1) // LANES * LANES
-        phases = u[: 2 * padded].reshape(2, padded)
-        for i in range(padded):
-            phases[0, i] = cold[0, i] if i < m else F(0)
-            phases[1, i] = cold[1, i] if i < m else F(0)
-        found = _model(
-            elements=elements, directivity=directivity, turns=turns, nepers=nepers,
-            origin=origin, bounds=bounds, farthest=farthest,
-            points=points[begins[f] : begins[f + 1]], amplitudes=amplitudes[begins[f] : begins[f + 1]], work=work,
-        )  # fmt: skip
-        if found >= 0 and suspect < 0:
+        frame = points[begins[f] : begins[f + 1]]
+        if first_suspect(frame, bounds, farthest) >= 0 and suspect < 0:
             suspect = f
-        _begin(m, columns, gamma, phase_steps, power, phases, work)
-        _finish(elements=elements, m=m, u=phases, mu=mu, output=output, headroom=headroom, relaxation=relaxation,
-                steps=steps, work=work, drive=drives[f])  # fmt: skip
+        phases = phases_of(len(frame), u)
+        _update(
+            elements=elements, directivity=directivity, nepers=nepers, origin=origin, settings=settings,
+            phase_steps=phase_steps, power=power, output=output, steps=steps,
+            points=frame, amplitudes=amplitudes[begins[f] : begins[f + 1]],
+            ids=ids, before_ids=ids[:0], before=phases, cold=cold, work=work, u=phases, drive=drives[f],
+        )  # fmt: skip
     return suspect
 
 

@@ -12,11 +12,10 @@ from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.tables import aligned, tables_of
 from ..compiled import kernels
-from ..compiled.simd import LANES
 from ..geometry import frozen
-from ..shapes.points import REACH, ControlPoints, check_reachable
+from ..shapes.points import ControlPoints, check_reachable
 from . import paired_kernels
-from .engine import HEADROOM32, NUDGE32, OUTPUTS, RELAXATION32, kernels_of
+from .engine import settings_of, way_of
 from .options import Options
 from .paired import Pair
 from .reference import cold_start
@@ -36,10 +35,7 @@ class CompiledPair:
 
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
         self._array, self._tables = array, tables_of(array, medium)
-        self._gamma, self._mu = np.float32(options.gamma), np.float32(options.mu)
-        self._phase_steps, self._power = options.phase_steps, options.phases == "power"
-        self._output = OUTPUTS[options.policy]
-        self._steps = options.steps if kernels_of(method).corrected else 0
+        self._way = *way_of(self._tables, method, options), settings_of(self._tables, options), options.phase_steps
         self._kept_ids, self._kept = np.empty((2, 0), np.int64), np.empty((2, 2, 0), np.float32)
         self._counts = np.zeros(2, np.int64)
         self._split: Split | None = None
@@ -85,43 +81,28 @@ class CompiledPair:
         levels: NDArray[np.float64],
     ) -> int:
         """By a split if it is known, or else by the axis of the last one."""
-        tables, basis = self._tables, cut or self._split
+        basis = cut or self._split
         assert basis is not None
         if cut is not None:
             mask[:] = cut.mask
         return paired_kernels.drive_pair(
-            elements=tables.elements,
-            directivity=tables.wave[0],
-            turns=tables.turns,
-            nepers=tables.nepers,
-            origin=tables.origin,
-            bounds=tables.bounds,
-            farthest=REACH,
-            positions=points.positions,
-            amplitudes=points.amplitudes,
-            ids=ids,
-            split_is_known=cut is not None,
-            axis=basis.axis,
-            before=basis.mask,
-            before_ids=basis.ids,
-            mask=mask,
-            gamma=self._gamma,
-            phase_steps=self._phase_steps,
-            power=self._power,
-            cold=self._cold,
-            nudge=NUDGE32,
-            mu=self._mu,
-            output=self._output,
-            headroom=HEADROOM32,
-            relaxation=RELAXATION32,
-            steps=self._steps,
-            work=self._work,
-            u=self._u,
-            counts=self._counts,
-            kept_ids=self._kept_ids,
-            kept=self._kept,
-            drives=drives,
-            levels=levels,
+            *self._way,
+            points.positions,
+            points.amplitudes,
+            ids,
+            int(cut is not None),
+            basis.axis,
+            basis.mask,
+            basis.ids,
+            mask,
+            self._cold,
+            self._work,
+            self._u,
+            self._counts,
+            self._kept_ids,
+            self._kept,
+            drives,
+            levels,
         )
 
     def _make_room(self, m: int) -> None:
@@ -129,7 +110,7 @@ class CompiledPair:
         start = cold_start(m)
         self._cold = np.stack([start.real, start.imag]).astype(np.float32)
         self._work = aligned(kernels.work_size(m, self._tables.elements.shape[1]))
-        self._u = aligned(2 * (-(-m // LANES) * LANES))
+        self._u = aligned(kernels.phases_size(m))
         more = (0, m - self._kept.shape[2])
         self._kept_ids = np.pad(self._kept_ids, ((0, 0), more))
         self._kept = np.pad(self._kept, ((0, 0), (0, 0), more))

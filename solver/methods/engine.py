@@ -24,11 +24,10 @@ from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options
 from .reference import cold_start
 from .reference_engine import drive_each
 
-__all__ = ["CompiledEngine", "solves_at_once"]
+__all__ = ["CompiledEngine", "settings_of", "solves_at_once", "way_of"]
 
 OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
 NO_IDS = np.empty(0, np.int64)
-HEADROOM32, RELAXATION32, NUDGE32 = np.float32(HEADROOM), np.float32(RELAXATION), np.float32(NUDGE)
 
 
 def kernels_of(method: str) -> Kernels:
@@ -44,11 +43,38 @@ def is_modelled(tables: ArrayTables) -> bool:
     return can_reach(tables, REACH + float(np.linalg.norm(high - low)))
 
 
+def is_timeless(tables: ArrayTables, method: str, options: Options) -> bool:
+    """Whether one kernel takes points to the drives of a least squares solution, without a clock."""
+    polynomial = len(tables.wave) == 1
+    return kernels_of(method).weighed and options.phase_seconds is None and polynomial and is_modelled(tables)
+
+
 def solves_at_once(tables: ArrayTables, method: str, options: Options) -> bool:
-    """Whether one kernel takes points to drives: without a clock, and if the directivity is a polynomial."""
-    uses = kernels_of(method)
-    timeless = uses.weighed and not uses.polished and options.phase_seconds is None
-    return timeless and len(tables.wave) == 1 and is_modelled(tables)
+    """Whether one kernel takes points to drives, so that no other one must follow."""
+    return is_timeless(tables, method, options) and not kernels_of(method).polished
+
+
+def settings_of(tables: ArrayTables, options: Options) -> NDArray[np.float32]:
+    """The numbers of an update as kernels read them."""
+    settings = np.empty(kernels.SETTINGS, np.float32)
+    settings[kernels.TURNS], settings[kernels.GAMMA], settings[kernels.MU] = tables.turns, options.gamma, options.mu
+    settings[kernels.HEADROOM], settings[kernels.RELAXATION], settings[kernels.NUDGE] = HEADROOM, RELAXATION, NUDGE
+    return settings
+
+
+def way_of(tables: ArrayTables, method: str, options: Options) -> tuple[Any, ...]:
+    """The first arguments of kernels that solve at once, which are the same in each update."""
+    return (
+        tables.elements,
+        tables.wave[0],
+        tables.nepers,
+        tables.origin,
+        tables.bounds,
+        REACH,
+        int(options.phases == "power"),
+        OUTPUTS[options.policy],
+        options.steps if kernels_of(method).corrected else 0,
+    )
 
 
 class CompiledEngine:
@@ -70,15 +96,15 @@ class CompiledEngine:
         self._array, self._medium, self._uses, self._options = array, medium, kernels_of(method), options
         self._tables = tables_of(array, medium)
         self._modelled = is_modelled(self._tables)
-        self._at_once = solves_at_once(self._tables, method, options)
-        self._columns = self._tables.elements.shape[1]
-        self._capacity = 0
-        self._cold = self._u = self._spare = aligned(2, 0)
+        self._timeless = is_timeless(self._tables, method, options)
+        self._transducers, self._columns = len(array), self._tables.elements.shape[1]
+        self._settings = settings_of(self._tables, options)
+        self._held = self._settings.copy()
+        self._held[kernels.NUDGE] = 0
+        self._way = way_of(self._tables, method, options)
+        *_, self._power, self._output, self._steps = self._way
+        self._capacity, self._plain, self._u = 0, NO_IDS, aligned(0)
         self.forget()
-        self._gamma, self._mu = np.float32(options.gamma), np.float32(options.mu)
-        self._output = OUTPUTS[options.policy]
-        self._power = options.phases == "power"
-        self._steps = options.steps if self._uses.corrected else 0
 
     def forget(self) -> None:
         """Begin the next update's phases anew."""
@@ -86,7 +112,7 @@ class CompiledEngine:
 
     def drive(
         self, points: ControlPoints, ids: NDArray[np.int64] | None = None, *, keep: bool = False
-    ) -> NDArray[np.complex64]:
+    ) -> NDArray[np.complex128]:
         """Drives (n,) for control points; see `Engine.drive`.
 
         Raises
@@ -94,33 +120,96 @@ class CompiledEngine:
         ValueError
             If a point cannot be reached.
         """
-        m = len(points)
-        self._make_room(m)
-        self._model(points)
-        drive = np.empty(len(self._array), dtype=np.complex64)
-        elements, work = self._tables.elements, self._work
+        m = len(points.positions)
+        if m > self._capacity:
+            self._make_room(m)
+        drive = np.empty(self._transducers, np.complex128)
         if not self._uses.weighed:
-            kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
+            self._model(points)
+            kernels.sum_foci(
+                self._tables.elements, m, self._output, self._settings[kernels.HEADROOM], self._work, drive
+            )
             return drive
-        if keep and len(self._ids) == m:
-            kernels.begin(m, self._columns, self._gamma, 0, self._power, self._u, work)
-        else:
-            self._find_phases(m, ids)
+        before = self._ids
+        if ids is None:
+            if len(self._plain) != m:
+                self._plain = np.arange(m, dtype=np.int64)
+            ids = self._plain
+            if len(before) != m:
+                before = NO_IDS
+        held = keep and len(before) == m
+        settings, phase_steps = (self._held, 0) if held else (self._settings, self._options.phase_steps)
+        solve = self._solve_at_once if self._timeless else self._solve_in_steps
+        solve(settings, phase_steps, points, ids, before, drive)
+        if self._uses.polished:
+            polished = drive.astype(np.complex64)
+            kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, self._work, polished)
+            drive[:] = polished
+        return drive
+
+    def _solve_at_once(
+        self,
+        settings: NDArray[np.float32],
+        phase_steps: int,
+        points: ControlPoints,
+        ids: NDArray[np.int64],
+        before: NDArray[np.int64],
+        drive: NDArray[np.complex128],
+    ) -> None:
+        arguments = (
+            *self._way,
+            settings,
+            phase_steps,
+            points.positions,
+            points.amplitudes,
+            ids,
+            before,
+            self._u,
+            self._cold,
+            self._work,
+            self._spare,
+            drive,
+        )
+        if kernels.update(*arguments, 0) >= 0:
+            check_reachable(self._array, points)
+            kernels.update(*arguments, 1)
+        self._ids, self._u, self._spare = ids, self._spare, self._u
+
+    def _solve_in_steps(
+        self,
+        settings: NDArray[np.float32],
+        phase_steps: int,
+        points: ControlPoints,
+        ids: NDArray[np.int64],
+        before: NDArray[np.int64],
+        drive: NDArray[np.complex128],
+    ) -> None:
+        """What `_solve_at_once` does, for any transducer and with a clock."""
+        m, columns, work, power = len(points), self._columns, self._work, self._power
+        self._model(points)
+        last, u = kernels.phases_of(len(before), self._u), kernels.phases_of(m, self._spare)
+        kernels.carry(m, ids, before, last, self._cold, settings[kernels.NUDGE], u)
+        self._ids, self._u, self._spare = ids, self._spare, self._u
+        timed = self._options.phase_seconds is not None
+        kernels.begin(m, columns, settings[kernels.GAMMA], 0 if timed else phase_steps, power, u, work)
+        if timed:
+            end = perf_counter() + self._options.phase_seconds
+            for _ in range(phase_steps):
+                if perf_counter() >= end:
+                    break
+                kernels.more_phases(m, columns, 1, power, u, work)
         kernels.finish(
-            elements=elements,
+            elements=self._tables.elements,
             m=m,
-            u=self._u,
-            mu=self._mu,
+            u=u,
+            mu=settings[kernels.MU],
             output=self._output,
-            headroom=HEADROOM32,
-            relaxation=RELAXATION32,
+            headroom=settings[kernels.HEADROOM],
+            relaxation=settings[kernels.RELAXATION],
             steps=self._steps,
             work=work,
             drive=drive,
         )
-        if self._uses.polished:
-            kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, work, drive)
-        return drive
 
     def level(self, points: ControlPoints, drive: NDArray[np.complex64]) -> float:
         """What `Engine.level` is, from the transfer matrix that `drive` has left in the work space."""
@@ -135,65 +224,42 @@ class CompiledEngine:
         ValueError
             As `drive`.
         """
-        tables, options = self._tables, self._options
-        if not self._at_once:
+        if self._uses.polished or not self._timeless:
             drive_each(self, frames, first, stride, drives)
             return
         begins = np.cumsum([0, *(len(points) for points in frames)])
         largest = max(len(points) for points in frames)
-        self._make_room(largest)
+        if largest > self._capacity:
+            self._make_room(largest)
         self.forget()
-        self._start(largest)
         suspect = kernels.update_frames(
-            elements=tables.elements,
-            directivity=tables.wave[0],
-            turns=tables.turns,
-            nepers=tables.nepers,
-            origin=tables.origin,
-            bounds=tables.bounds,
-            farthest=REACH,
+            *self._way,
+            settings=self._settings,
+            phase_steps=self._options.phase_steps,
             points=np.concatenate([points.positions for points in frames]),
             amplitudes=np.concatenate([points.amplitudes for points in frames]),
             begins=begins,
             first=first,
             stride=stride,
-            gamma=self._gamma,
-            phase_steps=options.phase_steps,
-            power=self._power,
+            ids=np.arange(largest, dtype=np.int64),
             cold=self._cold,
-            mu=self._mu,
-            output=self._output,
-            headroom=HEADROOM32,
-            relaxation=RELAXATION32,
-            steps=self._steps,
             work=self._work,
-            u=aligned(self._cold.size),
+            u=self._spare,
             drives=drives,
         )
-        self.forget()
         if suspect >= 0:
             for index in range(suspect, len(frames), stride):
                 check_reachable(self._array, frames[index], f"frame {index}: ")
 
     def _make_room(self, m: int) -> None:
-        if m > self._capacity:
-            self._work = aligned(kernels.work_size(m, self._columns))
-            self._capacity = m
-
-    def _start(self, m: int, ids: NDArray[np.int64] | None = None) -> None:
-        """Phases to begin with: those of the same points of the last frame, or else cold ones."""
-        if (width := -(-m // LANES) * LANES) != self._cold.shape[1]:
-            start = cold_start(width)
-            self._cold = aligned(2, width)
-            self._cold[0], self._cold[1] = start.real, start.imag
-        if ids is None:
-            ids = np.arange(m, dtype=np.int64)
-            if len(self._ids) != m:
-                self.forget()
-        if self._spare.shape[1] != width:
-            self._spare = aligned(2, width)
-        kernels.carry(m, ids, self._ids, self._u, self._cold, NUDGE32, self._spare)
-        self._ids, self._u, self._spare = ids, self._spare, self._u
+        """For m points, with the phases of the last ones."""
+        self._work = aligned(kernels.work_size(m, self._columns))
+        start = cold_start(m)
+        self._cold = np.stack([start.real, start.imag]).astype(np.float32)
+        last, size = self._u, kernels.phases_size(m)
+        self._u, self._spare = aligned(size), aligned(size)
+        self._u[: last.size] = last
+        self._capacity = m
 
     def _model(self, points: ControlPoints) -> None:
         tables = self._tables
@@ -219,7 +285,7 @@ class CompiledEngine:
 
     def _enter(self, points: ControlPoints) -> None:
         """Do what `kernels.model` does, with the transfer matrix from `transfer_matrix`."""
-        m, n = len(points), len(self._array)
+        m, n = len(points), self._transducers
         parts = kernels.carve(self._work, m, self._columns)
         re, im, reach = parts.re, parts.im, parts.spans[kernels.REACH]
         matrix = transfer_matrix(self._array, points.positions, self._medium) / self._tables.strength
@@ -230,16 +296,3 @@ class CompiledEngine:
         parts.vectors[kernels.WANTED][:m] = wanted
         reach[:n] = wanted @ np.abs(matrix)
         reach[n:] = 0
-
-    def _find_phases(self, m: int, ids: NDArray[np.int64] | None) -> None:
-        options, columns = self._options, self._columns
-        self._start(m, ids)
-        if options.phase_seconds is None:
-            kernels.begin(m, columns, self._gamma, options.phase_steps, self._power, self._u, self._work)
-            return
-        kernels.begin(m, columns, self._gamma, 0, self._power, self._u, self._work)
-        end = perf_counter() + options.phase_seconds
-        for _ in range(options.phase_steps):
-            if perf_counter() >= end:
-                return
-            kernels.more_phases(m, columns, 1, self._power, self._u, self._work)

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled.kernels import _begin, _carry, _finish, _kernel, _level, _model, _part
-from ..compiled.simd import LANES
+from ..compiled.kernels import _kernel, _level, _part, _update, first_suspect, phases_of
 from .split import ACROSS, HOLD, KEEP, OBLIQUE, TILT
 
 TURNED = -2
@@ -88,12 +87,10 @@ def largest_eigenvalue(xx: Any, xy: Any, xz: Any, yy: Any, yz: Any, zz: Any) -> 
 
 @_kernel
 def drive_pair(
-    elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
-    positions: Any, amplitudes: Any, ids: Any,
-    split_is_known: bool, axis: Any, before: Any, before_ids: Any, mask: Any,
-    gamma: Any, phase_steps: int, power: bool, cold: Any, nudge: Any,
-    mu: Any, output: int, headroom: Any, relaxation: Any, steps: int, work: Any, u: Any,
-    counts: Any, kept_ids: Any, kept: Any, drives: Any, levels: Any,
+    elements: Any, directivity: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any, power: int,
+    output: int, steps: int, settings: Any, phase_steps: int, positions: Any, amplitudes: Any, ids: Any,
+    split_is_known: int, axis: Any, before: Any, before_ids: Any, mask: Any,
+    cold: Any, work: Any, u: Any, counts: Any, kept_ids: Any, kept: Any, drives: Any, levels: Any,
 ) -> int:  # fmt: skip
     """Split points in two halves, and find the drives of each, and the level by which it is to be turned down.
 
@@ -107,7 +104,7 @@ def drive_pair(
         The first suspect point of a half, or -1 if there is none, or `TURNED` if the axis must turn: then nothing was
         done.
     """
-    m, columns, suspect = len(positions), elements.shape[1], -1
+    m, suspect = len(positions), -1
     if not split_is_known and not holds(positions, amplitudes, ids, axis, before, before_ids, mask):
         return TURNED
     largest = 0.0
@@ -127,18 +124,16 @@ def drive_pair(
             for q in range(drives.shape[1]):
                 drives[half, q] = 0
             continue
-        padded = (k + LANES - 1) // LANES * LANES
-        phases = u[: 2 * padded].reshape(2, padded)
-        _carry(k, names, kept_ids[half, : counts[half]], kept[half], cold, nudge, phases)
-        found = _model(
-            elements=elements, directivity=directivity, turns=turns, nepers=nepers,
-            origin=origin, bounds=bounds, farthest=farthest, points=points[:k], amplitudes=wanted[:k], work=work,
+        phases = phases_of(k, u)
+        suspect = max(suspect, first_suspect(points[:k], bounds, farthest))
+        _update(
+            elements=elements, directivity=directivity, nepers=nepers, origin=origin, settings=settings,
+            phase_steps=phase_steps, power=power, output=output, steps=steps,
+            points=points[:k], amplitudes=wanted[:k],
+            ids=names, before_ids=kept_ids[half, : counts[half]], before=kept[half], cold=cold,
+            work=work, u=phases, drive=drives[half],
         )  # fmt: skip
-        suspect = max(suspect, found)
-        _begin(k, columns, gamma, phase_steps, power, phases, work)
-        _finish(elements=elements, m=k, u=phases, mu=mu, output=output, headroom=headroom, relaxation=relaxation,
-                steps=steps, work=work, drive=drives[half])  # fmt: skip
-        levels[half] = _level(k, columns, True, work, drives[half]) / loudest
+        levels[half] = _level(k, elements.shape[1], True, work, drives[half]) / loudest
         counts[half] = k
         for i in range(k):
             kept_ids[half, i] = names[i]

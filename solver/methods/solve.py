@@ -138,7 +138,7 @@ class Solver:
         points = control_points(points)
         check_size(self.array, points, self.method)
         drive = self._engine.drive(points, checked_ids(points, ids))
-        return Solution(frozen(drive.astype(np.complex128)), self.array, points, self.medium, self.method)
+        return Solution(frozen(drive), self.array, points, self.medium, self.method)
 
     def follow(
         self, positions: NDArray[np.float64], amplitudes: NDArray[np.float64], ids: NDArray[np.int64] | None = None
@@ -255,6 +255,8 @@ def solve_frames(
 
 def control_points(wanted: Wanted) -> ControlPoints:
     """The control points of what is wanted; raises `ValueError` if it has none, and says what has."""
+    if isinstance(wanted, ControlPoints):
+        return wanted
     if isinstance(wanted, str):
         raise ValueError(
             f"control points must be a shape or (m, 3) numbers, not {wanted!r}; parse_shape({wanted!r}) makes a "
@@ -262,8 +264,6 @@ def control_points(wanted: Wanted) -> ControlPoints:
         )
     if isinstance(wanted, (list, tuple)) and any(isinstance(part, (Shape, type)) for part in wanted):
         raise ValueError("several shapes are one if they are added, as in Circle() + Star(), or sum(shapes)")
-    if isinstance(wanted, ControlPoints):
-        return wanted
     if isinstance(wanted, (Hand, Mesh)):
         raise ValueError(f"a {type(wanted).__name__} has no control points; touch(hand, mesh).points has")
     if isinstance(wanted, type):
