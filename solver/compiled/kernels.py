@@ -41,6 +41,9 @@ REACH, WEIGHT, DRIVE, UNWEIGHED = (0, 0), (0, 1), 1, 2
 SOLVED, PHASE, LIMITED = range(3)
 """Output policies."""
 
+COLD = 0
+"""Place of the cold phases among those that an engine keeps."""
+
 TURNS, GAMMA, MU, HEADROOM, RELAXATION, NUDGE, SETTINGS = range(7)
 """Numbers in an update's settings, float32: wave fronts per metre, and those of the method."""
 
@@ -309,15 +312,17 @@ def _enter(gram_re: Any, gram_im: Any, i: int, j: int, re: Any, im: Any) -> None
 def weigh(re: Any, im: Any, reach: Any, points: int, gamma: Any, weight: Any) -> None:
     """Turn A into B = A·diag(weight) with weight = σ^{−γ}, σ² = reach/points; 0 if no point is reached."""
     columns = len(reach)
-    for q in range(columns):
-        sigma2 = reach[q] / F(points)
-        if gamma == F(1):
-            weight[q] = F(1) / np.sqrt(max(sigma2, TINY))
-        elif gamma == F(0):
+    if gamma == F(1):
+        for q in range(columns):
+            weight[q] = F(1) / np.sqrt(max(reach[q] / F(points), TINY))
+    elif gamma == F(0):
+        for q in range(columns):
             weight[q] = F(1)
-        else:
-            weight[q] = max(sigma2, TINY) ** (F(-0.5) * gamma)
-        weight[q] = weight[q] if sigma2 > F(0) else F(0)
+    else:
+        for q in range(columns):
+            weight[q] = max(reach[q] / F(points), TINY) ** (F(-0.5) * gamma)
+    for q in range(columns):
+        weight[q] = weight[q] if reach[q] > F(0) else F(0)
     for i in range(len(re)):
         for q in range(columns):
             re[i, q] *= weight[q]
@@ -329,33 +334,38 @@ def iterate_phases(
     gram_re: Any, gram_im: Any, response: Any, rows: int, steps: int, power: bool, u: Any, z: Any
 ) -> None:
     """Improve the phases u: u ← R·u with R = G·diag(response), to unit modulus, or to unit norm if ``power``."""
-    padded = u.shape[1]
+    padded = gram_re.shape[1]
     zero = spread(F(0))
+    weights = response.reshape(1, padded)
     for _ in range(steps):
-        for j in range(rows):
-            z[0, j], z[1, j] = response[j] * u[0, j], response[j] * u[1, j]
+        for i in range(0, padded, LANES):
+            weight = load(weights, 0, i)
+            store(z, 0, i, weight * load(u, 0, i))
+            store(z, 1, i, weight * load(u, 1, i))
         size2 = TINY
         for i in range(0, padded, LANES):
-            even_re, even_im, odd_re, odd_im = zero, zero, zero, zero
+            rr0 = ii0 = ri0 = ir0 = rr1 = ii1 = ri1 = ir1 = zero  # eight chains, because each sum waits for its last one
             for j in range(0, rows, 2):  # column j of G is the conjugate of row j
                 g, h = load(gram_re, j, i), load(gram_im, j, i)
-                zr, zi = spread(z[0, j]), spread(z[1, j])
-                even_re = even_re + g * zr + h * zi
-                even_im = even_im + g * zi - h * zr
+                rr0, ii0 = rr0 + g * z[0, j], ii0 + h * z[1, j]
+                ri0, ir0 = ri0 + g * z[1, j], ir0 + h * z[0, j]
                 g, h = load(gram_re, j + 1, i), load(gram_im, j + 1, i)
-                zr, zi = spread(z[0, j + 1]), spread(z[1, j + 1])
-                odd_re = odd_re + g * zr + h * zi
-                odd_im = odd_im + g * zi - h * zr
-            re, im = even_re + odd_re, even_im + odd_im
+                rr1, ii1 = rr1 + g * z[0, j + 1], ii1 + h * z[1, j + 1]
+                ri1, ir1 = ri1 + g * z[1, j + 1], ir1 + h * z[0, j + 1]
+            re, im = rr0 + ii0 + (rr1 + ii1), ri0 - ir0 + (ri1 - ir1)
+            squares = re * re + im * im
+            if power:
+                size2 += total(squares)
+            else:
+                scale = inverse_root(squares + TINY)
+                re, im = re * scale, im * scale
             store(u, 0, i, re)
             store(u, 1, i, im)
-            size2 += total(re * re + im * im)
-        norm = F(1) / np.sqrt(size2)
-        for i in range(padded):
-            size2 = u[0, i] * u[0, i] + u[1, i] * u[1, i]
-            scale = norm if power else F(1) / np.sqrt(size2 + TINY)
-            u[0, i] *= scale
-            u[1, i] *= scale
+        if power:
+            norm = F(1) / np.sqrt(size2)
+            for i in range(padded):
+                u[0, i] *= norm
+                u[1, i] *= norm
 
 
 @_part
@@ -438,8 +448,8 @@ def factorise(
             store(lower_im, j + 2, i, i2)
             store(lower_re, j + 3, i, r3 * n3)
             store(lower_im, j + 3, i, i3 * n3)
-    for k in range(rows):
-        for i in range(k + 1, rows):
+    for i in range(rows):
+        for k in range(i):
             lower_re[i, k], lower_im[i, k] = lower_re[k, i], lower_im[k, i]
 
 
@@ -585,18 +595,6 @@ def work_size(m: int, columns: int) -> int:
     return 2 * rows * columns + 4 * padded * padded + 12 * padded + 6 * columns
 
 
-@_jitable
-def phases_of(m: int, room: Any) -> Any:
-    """The phases of m points, (2, padded), in a room of at least `phases_size`."""
-    padded = (m + LANES - 1) // LANES * LANES
-    return room[: 2 * padded].reshape(2, padded)
-
-
-def phases_size(m: int) -> int:
-    """Length of the room for the phases of m points, in float32."""
-    return 2 * (-(-m // LANES) * LANES)
-
-
 @_part
 def set_wanted(amplitudes: Any, m: int, columns: int, work: Any) -> None:
     """Enter amplitudes into the work space, the largest as 1."""
@@ -677,7 +675,7 @@ def begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: An
 def _carry(m: int, ids: Any, before_ids: Any, before: Any, cold: Any, nudge: Any, u: Any) -> None:
     """Phases u to begin with: of points that were there those in which they ended, nudged to the cold start."""
     size2, carried, count = TINY, 0, len(before_ids)
-    for i in range(u.shape[1]):
+    for i in range((m + LANES - 1) // LANES * LANES):
         u[0, i] = u[1, i] = F(0)
     for i in range(m):
         j = i if i < count and before_ids[i] == ids[i] else 0  # nearly always in the same place
@@ -817,21 +815,21 @@ def _update(
 def update(
     elements: Any, directivity: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any, power: int,
     output: int, steps: int, settings: Any, phase_steps: int, points: Any, amplitudes: Any, ids: Any,
-    before_ids: Any, before: Any, cold: Any, work: Any, u: Any, drive: Any, sure: int,
+    before_ids: Any, phases: Any, last: int, work: Any, drive: Any, sure: int,
 ) -> int:  # fmt: skip
-    """One update without Python in between, from the last phases ``before`` to those in ``u``, both as `phases_of` has.
+    """One update without Python in between.
 
-    Returns what `first_suspect` does; if there is a suspect point and they are not ``sure``, nothing was done.
+    ``phases``, (3, 2, most), are the cold ones, those of the last update at ``last``, and, at the other place, those
+    that this one finds. Returns what `first_suspect` does; if there is a suspect point and they are not ``sure``,
+    nothing was done.
     """
     found = -1 if sure else first_suspect(points, bounds, farthest)
     if found < 0:
-        m = len(points)
         _update(
             elements=elements, directivity=directivity, nepers=nepers, origin=origin, settings=settings,
             phase_steps=phase_steps, power=power, output=output, steps=steps,
             points=points, amplitudes=amplitudes, ids=ids,
-            before_ids=before_ids, before=phases_of(len(before_ids), before), cold=cold,
-            work=work, u=phases_of(m, u), drive=drive,
+            before_ids=before_ids, before=phases[last], cold=phases[COLD], work=work, u=phases[3 - last], drive=drive,
         )  # fmt: skip
     return int(found)
 
@@ -840,7 +838,7 @@ def update(
 def update_frames(
     elements: Any, directivity: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any, power: int,
     output: int, steps: int, settings: Any, phase_steps: int, points: Any, amplitudes: Any, begins: Any,
-    first: int, stride: int, ids: Any, cold: Any, work: Any, u: Any, drives: Any,
+    first: int, stride: int, ids: Any, phases: Any, work: Any, drives: Any,
 ) -> int:  # fmt: skip
     """Every ``stride``-th frame from ``first`` on, each from a cold start, without Python in between.
 
@@ -852,12 +850,12 @@ def update_frames(
         frame = points[begins[f] : begins[f + 1]]
         if first_suspect(frame, bounds, farthest) >= 0 and suspect < 0:
             suspect = f
-        phases = phases_of(len(frame), u)
         _update(
             elements=elements, directivity=directivity, nepers=nepers, origin=origin, settings=settings,
             phase_steps=phase_steps, power=power, output=output, steps=steps,
             points=frame, amplitudes=amplitudes[begins[f] : begins[f + 1]],
-            ids=ids, before_ids=ids[:0], before=phases, cold=cold, work=work, u=phases, drive=drives[f],
+            ids=ids, before_ids=ids[:0], before=phases[1], cold=phases[COLD], work=work, u=phases[2],
+            drive=drives[f],
         )  # fmt: skip
     return suspect
 

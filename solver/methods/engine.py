@@ -103,7 +103,7 @@ class CompiledEngine:
         self._held[kernels.NUDGE] = 0
         self._way = way_of(self._tables, method, options)
         *_, self._power, self._output, self._steps = self._way
-        self._capacity, self._plain, self._u = 0, NO_IDS, aligned(0)
+        self._plain, self._phases, self._last = NO_IDS, aligned(3, 2, 0), 1
         self.forget()
 
     def forget(self) -> None:
@@ -121,7 +121,7 @@ class CompiledEngine:
             If a point cannot be reached.
         """
         m = len(points.positions)
-        if m > self._capacity:
+        if m > self._phases.shape[2]:
             self._make_room(m)
         drive = np.empty(self._transducers, np.complex128)
         if not self._uses.weighed:
@@ -164,16 +164,15 @@ class CompiledEngine:
             points.amplitudes,
             ids,
             before,
-            self._u,
-            self._cold,
+            self._phases,
+            self._last,
             self._work,
-            self._spare,
             drive,
         )
         if kernels.update(*arguments, 0) >= 0:
             check_reachable(self._array, points)
             kernels.update(*arguments, 1)
-        self._ids, self._u, self._spare = ids, self._spare, self._u
+        self._ids, self._last = ids, 3 - self._last
 
     def _solve_in_steps(
         self,
@@ -187,9 +186,9 @@ class CompiledEngine:
         """What `_solve_at_once` does, for any transducer and with a clock."""
         m, columns, work, power = len(points), self._columns, self._work, self._power
         self._model(points)
-        last, u = kernels.phases_of(len(before), self._u), kernels.phases_of(m, self._spare)
-        kernels.carry(m, ids, before, last, self._cold, settings[kernels.NUDGE], u)
-        self._ids, self._u, self._spare = ids, self._spare, self._u
+        cold, last, u = (self._phases[place] for place in (kernels.COLD, self._last, 3 - self._last))
+        kernels.carry(m, ids, before, last, cold, settings[kernels.NUDGE], u)
+        self._ids, self._last = ids, 3 - self._last
         timed = self._options.phase_seconds is not None
         kernels.begin(m, columns, settings[kernels.GAMMA], 0 if timed else phase_steps, power, u, work)
         if timed:
@@ -229,7 +228,7 @@ class CompiledEngine:
             return
         begins = np.cumsum([0, *(len(points) for points in frames)])
         largest = max(len(points) for points in frames)
-        if largest > self._capacity:
+        if largest > self._phases.shape[2]:
             self._make_room(largest)
         self.forget()
         suspect = kernels.update_frames(
@@ -242,9 +241,8 @@ class CompiledEngine:
             first=first,
             stride=stride,
             ids=np.arange(largest, dtype=np.int64),
-            cold=self._cold,
+            phases=self._phases,
             work=self._work,
-            u=self._spare,
             drives=drives,
         )
         if suspect >= 0:
@@ -253,13 +251,12 @@ class CompiledEngine:
 
     def _make_room(self, m: int) -> None:
         """For m points, with the phases of the last ones."""
-        self._work = aligned(kernels.work_size(m, self._columns))
-        start = cold_start(m)
-        self._cold = np.stack([start.real, start.imag]).astype(np.float32)
-        last, size = self._u, kernels.phases_size(m)
-        self._u, self._spare = aligned(size), aligned(size)
-        self._u[: last.size] = last
-        self._capacity = m
+        width = -(-m // LANES) * LANES
+        start, kept = cold_start(width), self._phases
+        self._phases = aligned(3, 2, width)
+        self._phases[:, :, : kept.shape[2]] = kept
+        self._phases[kernels.COLD] = start.real, start.imag
+        self._work = aligned(kernels.work_size(width, self._columns))
 
     def _model(self, points: ControlPoints) -> None:
         tables = self._tables

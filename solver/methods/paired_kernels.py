@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled.kernels import _kernel, _level, _part, _update, first_suspect, phases_of
+from ..compiled.kernels import _kernel, _level, _part, _update, first_suspect
 from .split import ACROSS, HOLD, KEEP, OBLIQUE, TILT
 
 TURNED = -2
@@ -124,20 +124,19 @@ def drive_pair(
             for q in range(drives.shape[1]):
                 drives[half, q] = 0
             continue
-        phases = phases_of(k, u)
         suspect = max(suspect, first_suspect(points[:k], bounds, farthest))
         _update(
             elements=elements, directivity=directivity, nepers=nepers, origin=origin, settings=settings,
             phase_steps=phase_steps, power=power, output=output, steps=steps,
             points=points[:k], amplitudes=wanted[:k],
             ids=names, before_ids=kept_ids[half, : counts[half]], before=kept[half], cold=cold,
-            work=work, u=phases, drive=drives[half],
+            work=work, u=u, drive=drives[half],
         )  # fmt: skip
         levels[half] = _level(k, elements.shape[1], True, work, drives[half]) / loudest
         counts[half] = k
         for i in range(k):
             kept_ids[half, i] = names[i]
-            kept[half, 0, i], kept[half, 1, i] = phases[0, i], phases[1, i]
+            kept[half, 0, i], kept[half, 1, i] = u[0, i], u[1, i]
     lowest = min(levels[0], levels[1])
     levels[0], levels[1] = lowest / levels[0], lowest / levels[1]
     return suspect

@@ -285,11 +285,12 @@ def checked_ids(points: ControlPoints, ids: NDArray[np.int64] | None) -> NDArray
 def check_size(array: TransducerArray, points: ControlPoints, method: str, where: str = "") -> None:
     """Raise `ValueError` if a problem would fill the memory; the message begins with ``where``."""
     squared = METHODS[method].squared
-    pairs = len(array) * (len(points) + (len(array) if squared else 0))
-    if len(points) > MAX_POINTS or pairs > MAX_PAIRS:
+    m, n = len(points.positions), len(array.positions)
+    pairs = n * (m + (n if squared else 0))
+    if m > MAX_POINTS or pairs > MAX_PAIRS:
         which = f", of which the system of {method} has n·(m + n)" if squared else ""
         raise ValueError(
-            f"{where}{len(points)} control points with {len(array)} transducers are too many; at most {MAX_POINTS} "
+            f"{where}{m} control points with {n} transducers are too many; at most {MAX_POINTS} "
             f"points are possible, and at most {MAX_PAIRS} pairs{which}"
         )
 
