@@ -95,7 +95,8 @@ def stages(flops: float) -> Iterator[dict[str, Any]]:
         points, engine = cloud(m), CompiledEngine(array, *_settings("tikhonov"))
         engine.drive(points)
         re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = kernels.carve(engine._work, m, n)
-        rows, u, wanted, response = len(re), engine._u, vectors[kernels.WANTED], vectors[kernels.RESPONSE]
+        rows, u = len(re), engine._phases[engine._last]
+        wanted, response = vectors[kernels.WANTED], vectors[kernels.RESPONSE]
         inverse, aim, rhs, y = (vectors[row] for row in (kernels.INVERSE, kernels.AIM, kernels.RHS, kernels.SOLUTION))
         reach, weight, x = spans[kernels.REACH], spans[kernels.WEIGHT], spans[kernels.DRIVE]
         tables, mu = engine._tables, np.float32(0.03)

@@ -344,7 +344,9 @@ def iterate_phases(
             store(z, 1, i, weight * load(u, 1, i))
         size2 = TINY
         for i in range(0, padded, LANES):
-            rr0 = ii0 = ri0 = ir0 = rr1 = ii1 = ri1 = ir1 = zero  # eight chains, because each sum waits for its last one
+            rr0 = ii0 = ri0 = ir0 = rr1 = ii1 = ri1 = ir1 = (
+                zero  # eight chains, because each sum waits for its last one
+            )
             for j in range(0, rows, 2):  # column j of G is the conjugate of row j
                 g, h = load(gram_re, j, i), load(gram_im, j, i)
                 rr0, ii0 = rr0 + g * z[0, j], ii0 + h * z[1, j]
@@ -972,9 +974,7 @@ def sum_pressure(elements: Any, directivity: Any, turns: Any, nepers: Any, origi
             x, y, z = elements[X, q], elements[Y, q], elements[Z, q]
             nx, ny, nz, dr, di = elements[NX, q], elements[NY, q], elements[NZ, q], drive[0, q], drive[1, q]
             for i in range(len(part)):
-                amplitude, phase = _arrival(
-                    px[i] - x, py[i] - y, pz[i] - z, nx, ny, nz, F(1), F(0), c, turns, nepers
-                )
+                amplitude, phase = _arrival(px[i] - x, py[i] - y, pz[i] - z, nx, ny, nz, F(1), F(0), c, turns, nepers)
                 wave_re, wave_im = _wave(phase)
                 re[i] += amplitude * (wave_re * dr - wave_im * di)
                 im[i] += amplitude * (wave_re * di + wave_im * dr)

@@ -115,9 +115,7 @@ def total(typing_context: Any, vector: Any) -> Any:
         vector, width = arguments[0], LANES
         while width > 1:
             width //= 2
-            low, high = (
-                builder.shuffle_vector(vector, vector, _lanes(range(at, at + width))) for at in (0, width)
-            )
+            low, high = (builder.shuffle_vector(vector, vector, _lanes(range(at, at + width))) for at in (0, width))
             vector = builder.fadd(low, high, flags=FLAGS)
         return builder.extract_element(vector, LLVM_INDEX(0))
 
@@ -138,10 +136,13 @@ def totals(typing_context: Any, vectors: Any) -> Any:
             joined = len(left) > 1
             pairs = zip(left[::2], left[1::2], strict=True) if joined else [(left[0], left[0])]
             starts = range(0, (1 + joined) * LANES if joined else 2 * width * vectors.count, 2 * width)
-            low, high = (_lanes([at + lane for at in starts for lane in range(part, part + width)])
-                         for part in (0, width))
-            left = [builder.fadd(builder.shuffle_vector(a, b, low), builder.shuffle_vector(a, b, high), flags=FLAGS)
-                    for a, b in pairs]
+            low, high = (
+                _lanes([at + lane for at in starts for lane in range(part, part + width)]) for part in (0, width)
+            )
+            left = [
+                builder.fadd(builder.shuffle_vector(a, b, low), builder.shuffle_vector(a, b, high), flags=FLAGS)
+                for a, b in pairs
+            ]
         sums = [builder.extract_element(left[0], LLVM_INDEX(k)) for k in range(vectors.count)]
         return context.make_tuple(builder, signature.return_type, sums)
 

@@ -143,7 +143,9 @@ class CompiledEngine:
         solve(settings, phase_steps, points, ids, before, drive)
         if self._uses.polished:
             polished = drive.astype(np.complex64)
-            kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, self._work, polished)
+            kernels.polish(
+                m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, self._work, polished
+            )
             drive[:] = polished
         return drive
 

@@ -61,7 +61,7 @@ class EnginePair:
     def solve(self, points: ControlPoints, ids: NDArray[np.int64]) -> Pair:
         """The next frame."""
         cut = split(points, self._split, ids)
-        relative = ControlPoints(points.positions, points.amplitudes / points.amplitudes.max())
+        relative = ControlPoints.trusted(points.positions, points.amplitudes / points.amplitudes.max())
         drives, levels = np.zeros((2, self._transducers), np.complex128), np.ones(2)
         for k, (engine, mask) in enumerate(zip(self._engines, cut.masks(points), strict=True)):
             if mask is None:

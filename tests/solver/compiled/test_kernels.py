@@ -233,7 +233,7 @@ def test_strong_absorption_is_computed_without_the_kernel() -> None:
 def test_compilations_are_counted() -> None:
     Solver(TransducerArray.grid(2, 2)).solve(ControlPoints([[0, 0, 0.1]]))
     counts = tables.compilation()
-    assert {"model", "begin", "finish"} <= set(counts)
+    assert "update" in counts
     assert all(loaded + built >= 1 for loaded, built in counts.values())
 
 
