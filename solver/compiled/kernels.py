@@ -372,7 +372,7 @@ def iterate_phases(
 
 @_part
 def _less(re: Any, im: Any, ar: Any, ai: Any, br: Any, bi: Any) -> Any:
-    """re + i·im − a·b*."""
+    """A difference of complex numbers, re + i·im − a·b*."""
     return re - ar * br - ai * bi, im - ai * br + ar * bi
 
 

@@ -5,6 +5,8 @@ numba takes half a second to import, so this module is imported at its first use
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,7 +38,8 @@ class CompiledPair:
 
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
         self._array, self._tables = array, tables_of(array, medium)
-        self._way = *way_of(self._tables, method, options), settings_of(self._tables, options), options.phase_steps
+        way = way_of(self._tables, method, options)
+        self._way: tuple[Any, ...] = (*way, settings_of(self._tables, options), options.phase_steps)
         self._kept_ids, self._kept = np.empty((2, 0), np.int64), np.empty((2, 2, 0), np.float32)
         self._counts = np.zeros(2, np.int64)
         self._split: Split | None = None

@@ -158,7 +158,7 @@ class CompiledEngine:
         before: NDArray[np.int64],
         drive: NDArray[np.complex128],
     ) -> None:
-        arguments = (
+        arguments: tuple[Any, ...] = (
             *self._way,
             settings,
             phase_steps,
@@ -191,10 +191,10 @@ class CompiledEngine:
         cold, last, u = (self._phases[place] for place in (kernels.COLD, self._last, 3 - self._last))
         kernels.carry(m, ids, before, last, cold, settings[kernels.NUDGE], u)
         self._ids, self._last = ids, 3 - self._last
-        timed = self._options.phase_seconds is not None
-        kernels.begin(m, columns, settings[kernels.GAMMA], 0 if timed else phase_steps, power, u, work)
-        if timed:
-            end = perf_counter() + self._options.phase_seconds
+        seconds = self._options.phase_seconds
+        kernels.begin(m, columns, settings[kernels.GAMMA], phase_steps if seconds is None else 0, power, u, work)
+        if seconds is not None:
+            end = perf_counter() + seconds
             for _ in range(phase_steps):
                 if perf_counter() >= end:
                     break
@@ -235,17 +235,17 @@ class CompiledEngine:
         self.forget()
         suspect = kernels.update_frames(
             *self._way,
-            settings=self._settings,
-            phase_steps=self._options.phase_steps,
-            points=np.concatenate([points.positions for points in frames]),
-            amplitudes=np.concatenate([points.amplitudes for points in frames]),
-            begins=begins,
-            first=first,
-            stride=stride,
-            ids=np.arange(largest, dtype=np.int64),
-            phases=self._phases,
-            work=self._work,
-            drives=drives,
+            self._settings,
+            self._options.phase_steps,
+            np.concatenate([points.positions for points in frames]),
+            np.concatenate([points.amplitudes for points in frames]),
+            begins,
+            first,
+            stride,
+            np.arange(largest, dtype=np.int64),
+            self._phases,
+            self._work,
+            drives,
         )
         if suspect >= 0:
             for index in range(suspect, len(frames), stride):

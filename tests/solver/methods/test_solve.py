@@ -171,6 +171,25 @@ def test_phases_can_be_bounded_in_time(array: TransducerArray, precision: Any) -
         np.testing.assert_array_equal(bounded, counted)
 
 
+def test_a_refused_frame_leaves_the_solver_as_it_was(array: TransducerArray) -> None:
+    first, second = (Sphere(palm=height).sample() for height in (0.18, 0.19))
+    plain, refused = Solver(array), Solver(array)
+    for solver in (plain, refused):
+        solver.solve(first)
+    with pytest.raises(ValueError, match="control point 1 .* is on the array or behind it"):
+        refused.solve([[0, 0, 0.2], [0, 0, -0.2]])
+    assert refused.solve(second).drive.tobytes() == plain.solve(second).drive.tobytes()
+
+
+def test_points_among_facing_panels_are_solved_after_a_closer_look() -> None:
+    """They lie in the box in which a transducer may be too close."""
+    up = TransducerArray.grid(8, 8)
+    facing = TransducerArray.joined([up, up.placed(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.1])])
+    points = ControlPoints([[0.01, 0, 0.05], [-0.01, 0, 0.06]], [1, 0.5])
+    single, double = (felt(solve(facing, points, precision=precision)) for precision in ("single", "double"))
+    np.testing.assert_allclose(single, double, rtol=0.01)
+
+
 @pytest.mark.parametrize("method", METHOD_NAMES)
 @pytest.mark.parametrize("workers", [1, 3])
 def test_many_frames_are_single_ones(method: str, workers: int) -> None:
