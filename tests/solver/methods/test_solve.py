@@ -176,7 +176,7 @@ def test_a_refused_frame_leaves_the_solver_as_it_was(array: TransducerArray) -> 
     plain, refused = Solver(array), Solver(array)
     for solver in (plain, refused):
         solver.solve(first)
-    with pytest.raises(ValueError, match="control point 1 .* is on the array or behind it"):
+    with pytest.raises(ValueError, match=r"control point 1 .* is on the array or behind it"):
         refused.solve([[0, 0, 0.2], [0, 0, -0.2]])
     assert refused.solve(second).drive.tobytes() == plain.solve(second).drive.tobytes()
 
