@@ -17,7 +17,7 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic, models, overload, register_model
+from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
 __all__ = ["LANES", "if_positive", "inverse_root", "load", "magnitude", "nearest", "spread", "store", "total", "totals"]
 
@@ -211,32 +211,23 @@ def if_positive(typing_context: Any, condition: Any, value: Any) -> Any:
     return value(condition, value), generate
 
 
-def _arithmetic(name: str) -> Callable[..., Any]:
-    @_intrinsic
-    def apply(typing_context: Any, left: Any, right: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            vectors = [each if each.type == LLVM_VECTOR else _spread(builder, each) for each in arguments]
-            return getattr(builder, name)(*vectors, flags=FLAGS)
-
-        return VECTOR(left, right), generate
-
-    function: Callable[..., Any] = apply
-    return function
-
-
 def _define(operation: Callable[..., Any], name: str) -> None:
-    apply = _arithmetic(name)
+    """Let an operator take vectors. It is lowered at once: an overload would be compiled anew at each use."""
 
-    @overload(operation, inline="always")
-    def choose(left: Any, right: Any) -> Any:
-        kinds = {left, right}
-        if VECTOR in kinds and kinds <= {VECTOR, types.float32}:
+    @type_callable(operation)
+    def infer(context: Any) -> Callable[..., Any]:
+        def type_of(left: Any, right: Any) -> Any:
+            kinds = {left, right}
+            return VECTOR if VECTOR in kinds and kinds <= {VECTOR, types.float32} else None
 
-            def implementation(left: Any, right: Any) -> Any:
-                return apply(left, right)
+        return type_of
 
-            return implementation
-        return None
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        vectors = [each if each.type == LLVM_VECTOR else _spread(builder, each) for each in arguments]
+        return getattr(builder, name)(*vectors, flags=FLAGS)
+
+    for kinds in ((VECTOR, VECTOR), (VECTOR, types.float32), (types.float32, VECTOR)):
+        lower_builtin(operation, *kinds)(generate)
 
 
 for _operation, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
