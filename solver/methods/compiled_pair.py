@@ -5,6 +5,7 @@ numba takes half a second to import, so this module is imported at its first use
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -89,7 +90,8 @@ class CompiledPair:
         assert basis is not None
         if cut is not None:
             mask[:] = cut.mask
-        return paired_kernels.drive_pair(
+        drive_pair: Callable[..., int] = paired_kernels.drive_pair
+        return drive_pair(
             *self._way,
             points.positions,
             points.amplitudes,

@@ -171,9 +171,10 @@ class CompiledEngine:
             self._work,
             drive,
         )
-        if kernels.update(*arguments, 0) >= 0:
+        update: Callable[..., int] = kernels.update
+        if update(*arguments, 0) >= 0:
             check_reachable(self._array, points)
-            kernels.update(*arguments, 1)
+            update(*arguments, 1)
         self._ids, self._last = ids, 3 - self._last
 
     def _solve_in_steps(
@@ -233,7 +234,8 @@ class CompiledEngine:
         if largest > self._phases.shape[2]:
             self._make_room(largest)
         self.forget()
-        suspect = kernels.update_frames(
+        update_frames: Callable[..., int] = kernels.update_frames
+        suspect = update_frames(
             *self._way,
             self._settings,
             self._options.phase_steps,
