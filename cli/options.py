@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ..host.lines.opening import DEFAULT_URL, URL_VARIABLE
+from ..host.lines.opening import URL_VARIABLE, is_fresh
 from ..host.playing.calibration import Calibration
 from .completion import device_urls
 from .console import error_console
@@ -21,7 +21,6 @@ __all__ = [
     "PoseOption",
     "SecondsOption",
     "command_for",
-    "is_fresh",
     "load_calibration",
     "note_where_fresh",
 ]
@@ -69,11 +68,6 @@ ForeverOption = Annotated[bool, typer.Option("--forever", help="Play until Ctrl-
 def load_calibration(path: Path | None) -> Calibration | None:
     """The calibration in a file, None without one."""
     return None if path is None else Calibration.load(path)
-
-
-def is_fresh(url: str) -> bool:
-    """Whether a URL means an emulated device that only exists during this process."""
-    return url.partition("?")[0] == DEFAULT_URL
 
 
 def command_for(command: str, url: str) -> str:

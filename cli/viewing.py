@@ -9,11 +9,11 @@ from urllib.parse import parse_qsl, urlencode
 
 import typer
 
+from ..host.lines.opening import is_fresh
 from ..host.playing.device import Device
 from ..signals import loading
 from ..solver import TransducerArray
 from .console import error_console
-from .options import is_fresh
 
 if TYPE_CHECKING:
     from ..emulator import Emulator

@@ -23,6 +23,7 @@ __all__ = [
     "URL_VARIABLE",
     "default_url",
     "entries",
+    "is_fresh",
     "load_by_scheme",
     "open_transport",
     "open_untraced",
@@ -38,6 +39,11 @@ MEANT = "; for this serial port write "
 def default_url() -> str:
     """The device to use if none is named: ``$PHASEWIRE_DEVICE``, else the emulator."""
     return os.environ.get(URL_VARIABLE) or DEFAULT_URL
+
+
+def is_fresh(url: str) -> bool:
+    """Whether a URL means an emulated device that only exists during this process."""
+    return url.partition("?")[0] == DEFAULT_URL
 
 
 @cache
