@@ -150,7 +150,7 @@ def view(
         url, emulator = stack.enter_context(viewed_device(device))
         opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
         emulator = emulator or open_emulator(opened.serial)
-        transducers = array_of(opened.info, own)
+        transducers = array_of(opened, own)
         moved = HandSetting() if hand == MOUSE else None
         source = stack.enter_context(closing(_hands(hand, moved, placed)))
         warn_of_notes(source)

@@ -12,13 +12,14 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from ...errors import DeviceNotFoundError, PhasewireError
+from ...errors import DeviceNotFoundError, DeviceUrlError, PhasewireError
 from .tracing import traced
 from .transport import Scheme, Transport
 
 __all__ = [
     "DEFAULT_URL",
     "MEANT",
+    "RIG",
     "SCHEMES",
     "URL_VARIABLE",
     "default_url",
@@ -32,6 +33,8 @@ __all__ = [
 DEFAULT_URL = "emulator:"
 URL_VARIABLE = "PHASEWIRE_DEVICE"
 SCHEMES = "phasewire.transports"
+RIG = "rig:"
+"""Before the name of a rig file, if several devices are meant."""
 MEANT = "; for this serial port write "
 """In an error, before the URL of a serial port of which only the name was given."""
 
@@ -70,9 +73,16 @@ def load_by_scheme(
 
     Raises
     ------
+    DeviceUrlError
+        If the URL names a rig.
     DeviceNotFoundError, or what is ``missing``
         If there is none, and the known ones are named; or if it cannot be loaded.
     """
+    if url.startswith(RIG):
+        raise DeviceUrlError(
+            f"{url!r} is several devices, and this is for one; name one of those that `phasewire devices --rig FILE` "
+            "lists"
+        )
     scheme, colon, _ = url.partition(":")
     found = entries(group)
     if not colon or scheme not in found:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
@@ -115,7 +116,7 @@ class DeviceGroup:
         self.array = TransducerArray.joined([member.array for member in members])
         self.calibration = _joined([(len(member.array), member.calibration) for member in members])
         keepers = [device.time for device in devices]
-        if any(hasattr(keeper, "perf_counter") for keeper in keepers) and len({id(keeper) for keeper in keepers}) > 1:
+        if len({keeper is time for keeper in keepers}) > 1:
             raise DeviceError(
                 "emulated devices of this process have a time of their own and cannot play with real ones; serve them "
                 "by `phasewire emulate`, and name their usbip: URLs"
@@ -145,7 +146,7 @@ class DeviceGroup:
     @property
     def name(self) -> str:
         """How many there are, and their serial numbers."""
-        return f"{len(self)} devices ({', '.join(device.serial or device.name for device in self.devices)})"
+        return f"rig of {len(self)} devices ({', '.join(device.serial or device.name for device in self.devices)})"
 
     @property
     def slots(self) -> int:
@@ -168,6 +169,11 @@ class DeviceGroup:
         for device in reversed(self.devices):
             stack.push(device)
         stack.__exit__(kind, error, traceback)
+
+    def close(self) -> None:
+        """Close the lines and leave the devices as they are, even playing; ``with`` then ends without a stop."""
+        for device in self.devices:
+            device.close()
 
     # State and switches
 
@@ -209,7 +215,7 @@ class DeviceGroup:
     def store(self, slot: int, frame: Frame) -> None:
         """Store a frame in a numbered slot of all devices, for `play`."""
         for device, part in zip(self.devices, self._parts(frame), strict=True):
-            self._guarded(device, lambda device=device, part=part: device.store(slot, part))
+            self._guarded(device, partial(device.store, slot, part))
 
     def play(
         self, steps: Iterable[tuple[int, int]], *, repeats: int = 0, unattended: bool = False, period: int = NOW
@@ -276,7 +282,7 @@ class DeviceGroup:
         for lane, member, part in zip(lanes, self.members, self._cuts(), strict=True):
             lane.name, lane.part = member.name, part
         if envelope is not None:
-            lanes[-1].begin = partial(self.modulate, *envelope)
+            lanes[-1].begin = partial(self._modulate_first, envelope)
         stream = Stream(lanes, frames, rate, look_ahead=look_ahead, common=self.common)
         try:
             with ExitStack() as stack:
@@ -290,6 +296,11 @@ class DeviceGroup:
         finally:
             if on_progress is not None:
                 on_progress(stream.report)
+
+    def _modulate_first(self, envelope: Envelope) -> None:
+        """Modulate on all devices, and wait until that has begun: a frame before it would be late."""
+        begins = self.modulate(*envelope).commit_period
+        self.time.sleep(max(self._lanes[0].clock.moment_of(begins) - self.time.monotonic(), 0))
 
     # In step
 
@@ -407,8 +418,8 @@ def _check_channels(member: RigDevice, device: Device) -> None:
     own, placed = own if member.channels is None else own[member.channels], member.array.positions
     if not np.allclose(np.linalg.norm(own - own[0], axis=1), np.linalg.norm(placed - placed[0], axis=1), atol=1e-6):
         warn(
-            f"{member.name} has {info.columns} × {info.rows} transducers, {info.pitch * 1e3:g} mm apart, and not at the "
-            "places that the rig says",
+            f"{member.name} has {info.columns} × {info.rows} transducers, {info.pitch * 1e3:g} mm apart, and not at "
+            "the places that the rig says",
             stacklevel=4,
         )
 

@@ -90,7 +90,7 @@ class Lane:
         Its time by the host's.
     """
 
-    def __init__(self, session: Session, *, permit: Callable[[], None], begin: Callable[[], None]) -> None:
+    def __init__(self, session: Session, *, permit: Callable[[], None], begin: Callable[[], object]) -> None:
         self.session, self.permit, self.begin = session, permit, begin
         self.restore: Callable[[], None] | None = None
         self.name = ""
