@@ -21,8 +21,11 @@ __all__ = ["CommonClock", "CommonTime", "common_time"]
 
 MOST_UNSURE_PERIODS = SYNC_PERIODS // 100
 """Pulses of devices without a common line coincide within these by chance once in 50 times, and not for long."""
-MOST_ASTRAY = 8
-"""Consecutive readings by which the pulses of a common line do not coincide: an emulated device may be delayed."""
+DELAY_PERIODS, DELAY_SECONDS = 400, 2.0
+"""By so much a device that a busy computer emulates may seem to lag, and for so long by more. A device that misses the
+line's pulses also notices it itself (clause CHN-027)."""
+QUARTZ_PPM = 100
+"""By so much two quartz clocks differ at the most, until it is measured."""
 SLIP_PERIODS = 0.75
 """By so much an estimate must differ from a whole number before the next one is used, so that it does not flicker."""
 
@@ -85,7 +88,7 @@ class CommonClock:
         self._pulsed = all(
             reading.now // TICKS_PER_PERIOD - reading.sync_period <= SYNC_PERIODS for reading in readings
         )
-        self._astray = 0
+        self._together_at = 0.0
         self.shared = False
         self.offsets = [0] * len(readings)
         self.error = float("inf")
@@ -108,6 +111,7 @@ class CommonClock:
             abs(periods - offset) <= least <= MOST_UNSURE_PERIODS
             for periods, offset, least in zip(apart[1:], self.offsets[1:], unsure[1:], strict=True)
         )
+        self._together_at = moment
         if not self.shared:
             self.offsets = [round(periods) for periods in apart]
         self.follow(clocks, moment)
@@ -125,10 +129,11 @@ class CommonClock:
         off = [abs(periods - offset) for periods, offset in zip(apart, self.offsets, strict=True)]
         if self.shared:
             self.error = 0.0
-            beyond = [distance - least for distance, least in zip(off, unsure, strict=True)]
+            beyond = [distance - least - DELAY_PERIODS for distance, least in zip(off, unsure, strict=True)]
             worst = max(range(len(beyond)), key=beyond.__getitem__)
-            self._astray = self._astray + 1 if beyond[worst] > 0 and worst else 0
-            if self._astray > MOST_ASTRAY:
+            if beyond[worst] <= 0:
+                self._together_at = moment
+            elif moment - self._together_at > DELAY_SECONDS:
                 raise DeviceError(
                     f"{self._names[worst]} has lost the common clock: its periods are now {off[worst]:.0f} periods off "
                     f"those of {self._names[0]}; check the sync line between them, and open the devices again"
@@ -141,7 +146,7 @@ class CommonClock:
         self.error = max(
             (abs(periods - offset) + least) / CARRIER_HZ
             for periods, offset, least in zip(apart[1:], self.offsets[1:], unsure[1:], strict=True)
-        )
+        ) + QUARTZ_PPM * 1e-6 * max(clock.assumed_seconds for clock in clocks)
         drifts = [clock.drift_ppm for clock in clocks]
         self.drift_ppm = max(drifts) - min(drifts)
 
