@@ -56,6 +56,7 @@ def test_the_python_of_the_first_steps_runs(capsys: pytest.CaptureFixture[str]) 
         ("reference/faults.md", 1),
         ("how-to/flashing.md", 1),
         ("how-to/host.md", 3),
+        ("how-to/rigs.md", 1),
         ("how-to/conformance.md", 2),
         ("how-to/hands.md", 3),
         ("how-to/view.md", 1),

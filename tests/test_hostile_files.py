@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from phasewire import read_mesh, read_volume_mesh
+from phasewire import read_mesh, read_rig, read_volume_mesh
 from phasewire.cli.sources import spoken
 from phasewire.emulator.firmware.flash import Flash
 from phasewire.emulator.scenario import read_scenario
@@ -41,7 +41,8 @@ READERS: dict[str, Callable[[FilePath], object]] = {
     "profile.toml": read_table,
     "points.csv": read_points,
     "transducers.csv": read_transducers,
-    "rig.toml": read_transducers,
+    "panels.toml": read_transducers,
+    "rig.toml": read_rig,
     "points.txt": read_points,
     "points.json": read_points,
     "calibration.csv": Calibration.load,

@@ -6,12 +6,18 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ...errors import DeviceError
+from ...protocol.codes import State
+from ...protocol.plain import flag_names
+from ...protocol.replies import Status
 from ..playing.common_clock import CommonClock
 from ..playing.device import open_device
 from ..playing.group import open_devices
 from ..playing.rig import RigDevice
 
 __all__ = ["RigLook", "SeenDevice", "look_at_rig"]
+
+ALL_SIDES = 1e-6
+"""Length of the mean of unit vectors that have no common direction."""
 
 
 class SeenDevice(NamedTuple):
@@ -51,10 +57,13 @@ def look_at_rig(members: Sequence[RigDevice]) -> RigLook:
     """
     try:
         with open_devices(members, observe=True) as group:
-            serials = [device.serial for device in group.devices]
-            common = group.common
-            seen = [_seen(*each, None) for each in zip(members, serials, common.offsets, strict=True)]
-            return RigLook(seen, common, None)
+            seen = [
+                _seen(member, device.serial, ahead, _silenced(status))
+                for member, device, ahead, status in zip(
+                    members, group.devices, group.common.offsets, group.status(), strict=True
+                )
+            ]
+            return RigLook(seen, group.common, None)
     except DeviceError as error:
         return RigLook([_alone(member) for member in members], None, error)
 
@@ -63,25 +72,19 @@ def _alone(member: RigDevice) -> SeenDevice:
     """A device of a rig that cannot be opened as a whole."""
     try:
         with open_device(member.url, observe=True) as device:
-            return _seen(member, device.serial, None, None)
+            return _seen(member, device.serial, None, _silenced(device.status()))
     except DeviceError as error:
         return _seen(member, "", None, str(error))
+
+
+def _silenced(status: Status) -> str | None:
+    """What silences a device, None if nothing does."""
+    return f"silenced by a fault: {flag_names(status.faults)}" if status.state is State.FAULT else None
 
 
 def _seen(member: RigDevice, serial: str, ahead: int | None, problem: str | None) -> SeenDevice:
     mean = member.array.normals.mean(axis=0)
     length = float((mean @ mean) ** 0.5)
     x, y, z = (mean / length if length > ALL_SIDES else 0 * mean).tolist()
-    return SeenDevice(
-        member.name,
-        member.url,
-        serial,
-        len(member.array),
-        tuple(member.array.centre.tolist()),
-        (x, y, z),
-        ahead,
-        problem,
-    )
-
-
-ALL_SIDES = 1e-6
+    centre = tuple(member.array.centre.tolist())
+    return SeenDevice(member.name, member.url, serial, len(member.array), centre, (x, y, z), ahead, problem)

@@ -369,7 +369,8 @@ class Stream:
             self._next += count
             for lane in self._lanes:
                 self._finish(lane, partial(lane.post, frames, first, periods))
-        self._time.sleep(0)  # brings emulated devices to one moment
+        if self._common is not None:
+            self._time.sleep(0)  # brings emulated devices to one moment
         self._keep_time()
 
     def _finish(self, lane: Lane, sending: Callable[[], None]) -> None:

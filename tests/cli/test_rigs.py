@@ -73,6 +73,7 @@ def test_devices_without_a_sync_line_are_told_with_their_error(phasewire: Run, c
         Path("rig.toml").write_text(RIG.replace("RIG-01", "ALONE"))
         shown = phasewire("devices", "--rig", "rig.toml", "--json", "seen.json")
         played = phasewire("stop", "--device", "rig:rig.toml")
+    assert "silenced by a fault: SYNC" in shown.out
     assert re.search(r"estimated to \d+ µs; .* no coherent focus", shown.out)
     record = json.loads(Path("seen.json").read_text())
     assert not record["sync_line"]

@@ -48,8 +48,10 @@ from phasewire.host.hands.pose import Pose
 from phasewire.host.hands.recording import HandRecorder, HandRecording
 from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording, record
+from phasewire.host.playing.rig import read_rig
 from phasewire.protocol import PulseFrames
 from phasewire.solver.acoustics.aperture import Aperture
+from phasewire.solver.acoustics.array_files import read_transducers
 from phasewire.solver.contact.hand import Hand
 from phasewire.solver.fields.files import save_solution
 from phasewire.solver.objects.mesh_files import MESH_FILES, read_mesh
@@ -99,8 +101,16 @@ def _sealed(data: bytes) -> bytes:
 
 
 def toml(data: bytes) -> None:
-    """All files in TOML: defaults of options, scenarios, profiles, known failures, poses of trackers."""
-    for read in (read_scenario, read_profile, read_known_failures, Pose.load, _read_settings):
+    """All files in TOML: defaults of options, scenarios, profiles, known failures, poses of trackers, arrays, rigs."""
+    for read in (
+        read_scenario,
+        read_profile,
+        read_known_failures,
+        Pose.load,
+        read_transducers,
+        read_rig,
+        _read_settings,
+    ):
         _attempt(read, data, "a.toml")
 
 
@@ -295,7 +305,14 @@ def reader_seeds(group: str, firmware: list[bytes]) -> list[bytes]:
         case "toml":
             documents = "".join(
                 (DOCUMENTS / name).read_text()
-                for name in ("how-to/conformance.md", "reference/faults.md", "reference/cli.md", "how-to/hands.md")
+                for name in (
+                    "how-to/conformance.md",
+                    "reference/faults.md",
+                    "reference/cli.md",
+                    "how-to/hands.md",
+                    "how-to/any-array.md",
+                    "how-to/rigs.md",
+                )
             )
             written = re.findall(r"```toml\n(.*?)```", documents, re.DOTALL)
             return [*map(str.encode, written), *_cuts("".join(written).encode())]

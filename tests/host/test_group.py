@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import repeat
@@ -11,12 +12,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire import Calibration, DeviceGroup, Emulator, Pulses, RigDevice, TransducerArray, open_devices, solve
+from phasewire import (
+    Calibration,
+    Device,
+    DeviceGroup,
+    Emulator,
+    Pulses,
+    RigDevice,
+    TransducerArray,
+    open_devices,
+    solve,
+)
 from phasewire.emulator.boards.sync import SyncLine
 from phasewire.emulator.cluster import Cluster
 from phasewire.emulator.faults import LostSync, PowerCut, Unplugged
 from phasewire.errors import DeviceError, DeviceLostError, DeviceNotFoundError, DeviceRefusedError
-from phasewire.host.playing import group as group_module
 from phasewire.host.playing.clock import DeviceClock, Reading
 from phasewire.host.playing.common_clock import CommonClock, CommonTime
 from phasewire.host.playing.cycles import play_cycle
@@ -227,18 +237,13 @@ def test_a_lost_sync_line_is_a_fault_of_the_device_and_silences_all() -> None:
 
 
 def test_emulated_devices_and_real_ones_have_different_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    import time
-
     with Emulator(serial="M-0") as one, Emulator(serial="M-1") as other:
-        opened = group_module.open_device
+        by_name = Device.time.fget
 
-        def open_one_for_real(url: str, *, observe: bool) -> object:
-            device = opened(url, observe=observe)
-            if url == one.url:
-                device._session._line.time = time  # type: ignore[attr-defined, misc]  # as a real one's
-            return device
+        def time_of(device: Device) -> object:
+            return time if device.serial == one.serial else by_name(device)  # type: ignore[misc]  # it is a property
 
-        monkeypatch.setattr(group_module, "open_device", open_one_for_real)
+        monkeypatch.setattr(Device, "time", property(time_of))
         with pytest.raises(DeviceError, match="emulated devices of this process have a time of their own"):
             open_devices(members([one, other]))
 
