@@ -238,12 +238,9 @@ def test_a_lost_sync_line_is_a_fault_of_the_device_and_silences_all() -> None:
 
 def test_emulated_devices_and_real_ones_have_different_times(monkeypatch: pytest.MonkeyPatch) -> None:
     with Emulator(serial="M-0") as one, Emulator(serial="M-1") as other:
-        by_name = Device.time.fget
-
-        def time_of(device: Device) -> object:
-            return time if device.serial == one.serial else by_name(device)  # type: ignore[misc]  # it is a property
-
-        monkeypatch.setattr(Device, "time", property(time_of))
+        monkeypatch.setattr(
+            Device, "time", property(lambda device: time if device.serial == one.serial else device._session.time)
+        )
         with pytest.raises(DeviceError, match="emulated devices of this process have a time of their own"):
             open_devices(members([one, other]))
 
