@@ -219,8 +219,6 @@ def emulate(
             )
         )
         emulators[-1].inject(*faults)
-    for each in emulators:  # so that their sync line pulses at one moment of the wall clock
-        each.scheduler.run_until(max(other.scheduler.now for other in emulators))
     if flash:
         keep(emulators[0].flash, flash, _complain)
     with loading():

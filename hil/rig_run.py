@@ -116,4 +116,6 @@ def run_rig(
     channels = [
         np.arange(len(member.array)) if member.channels is None else member.channels for member in group.members
     ]
-    return RigRun(solution, ack, tuple(captures), tuple(begins), tuple(channels), built or group.array)
+    return RigRun(
+        solution, ack, tuple(captures), tuple(begins), tuple(channels), group.array if built is None else built
+    )

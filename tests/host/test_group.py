@@ -7,6 +7,8 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import repeat
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,6 +34,7 @@ from phasewire.host.playing.common_clock import CommonClock, CommonTime
 from phasewire.host.playing.cycles import play_cycle
 from phasewire.host.playing.envelopes import sine
 from phasewire.host.playing.frames import Frame
+from phasewire.host.playing.streaming import most_blocks_per_second
 from phasewire.protocol.board import CORE_HZ, CYCLES_PER_PERIOD, TICK_HZ
 from phasewire.protocol.codes import NOW, Reason, State
 from phasewire.protocol.quantise import PulseFrames
@@ -178,19 +181,21 @@ def test_clocks_that_drift_apart_are_followed_and_their_drift_is_told() -> None:
 
 @given(
     counts=st.tuples(st.integers(0, 2**30), st.integers(0, 2**30)),
+    bases=st.tuples(st.integers(0, 4095), st.integers(0, 4095)),
     early=st.floats(0, 1),
     width=st.floats(1e-5, 4e-4),
     off=st.integers(-2047, 2047),
 )
 def test_a_line_is_found_if_and_only_if_pulses_coincide(
-    counts: tuple[int, int], early: float, width: float, off: int
+    counts: tuple[int, int], bases: tuple[int, int], early: float, width: float, off: int
 ) -> None:
     """Pulses of the second device come `off` periods late; readings are uncertain by up to 0.2 ms."""
     clocks, readings = [DeviceClock(), DeviceClock()], []
-    for clock, pulses, late in zip(clocks, counts, (0, off), strict=True):
-        tick = (pulses * 4096 + 3000 - late) * 50
+    for clock, count, base, late in zip(clocks, counts, bases, (0, off), strict=True):
+        pulse = base + 4096 * (count + (3000 - late) // 4096)
+        tick = (base + 4096 * count + 3000 - late) * 50
         clock.add(Reading(10 - width * early, 10 + width * (1 - early), tick))
-        readings.append(ClockReading(tick, tick // 50 // 4096 * 4096, 1))
+        readings.append(ClockReading(tick, pulse, 1))
     common = CommonClock(["one", "other"], readings)
     found = common.meet(clocks, 10.0)
     unsure = width * 40_000
@@ -198,7 +203,7 @@ def test_a_line_is_found_if_and_only_if_pulses_coincide(
         assert not found
     if off == 0:
         assert found
-        assert common.offsets == [0, (counts[1] - counts[0]) * 4096]
+        assert common.offsets == [0, (counts[1] - counts[0]) * 4096 + bases[1] - bases[0]]
 
 
 def test_a_device_whose_pulses_no_longer_come_shares_no_line() -> None:
@@ -251,6 +256,35 @@ def test_the_common_time_brings_all_to_one_moment() -> None:
         one.run(100)
         group.time.sleep(0.01)
         assert abs(one.scheduler.now - other.scheduler.now) <= 2  # sums of seconds are rounded
+
+
+def test_lines_that_wait_for_each_block_share_their_rate() -> None:
+    def session(rate: float, *, posts: bool, keeper: object) -> Any:
+        line = SimpleNamespace(posts=posts, most_blocks_per_second=rate)
+        return SimpleNamespace(time=keeper, line=lambda: line)
+
+    slow = [session(20, posts=False, keeper=time), session(60, posts=False, keeper=time)]
+    fast = session(100_000, posts=True, keeper=time)
+    assert most_blocks_per_second(slow) == pytest.approx(15)
+    assert most_blocks_per_second([*slow, fast]) == pytest.approx(15)
+    assert most_blocks_per_second([fast, fast]) == 100_000
+    emulated = [session(20, posts=False, keeper=object()) for _ in range(3)]
+    assert most_blocks_per_second(emulated) == 20
+
+
+def test_devices_on_lines_of_any_kind_begin_together() -> None:
+    with Cluster(2, serial="K") as cluster:
+        doors = ("", "?door=serial&baud=3000000")
+        rig = [
+            RigDevice(each.url + door, BOARD.moved([0, 0, 0.1 * len(door)]))
+            for each, door in zip(cluster, doors, strict=True)
+        ]
+        with open_devices(rig) as group:
+            assert group.common.shared
+            group.show(FULL)
+            group.time.sleep(0.05)
+            first, second = moments(list(cluster))
+    assert first == second
 
 
 # Frames
