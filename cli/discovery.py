@@ -14,7 +14,7 @@ from ..host.finding.computer_checks import udev_rule
 from ..host.finding.discovery import search
 from ..host.finding.doctor import CHECKS, FOUND, examine
 from ..host.finding.findings import CheckVerdict
-from ..host.lines.opening import URL_VARIABLE
+from ..host.lines.opening import URL_VARIABLE, refuse_rig
 from ..storage import check_outputs
 from .completion import device_urls
 from .console import JsonOption, console_for, error_console, write_json
@@ -101,6 +101,7 @@ def doctor(
     if udev:
         typer.echo(udev_rule(), nl=False)
         return
+    refuse_rig(device or "")
     findings = []
     for finding in examine(device, play=play):
         findings.append(finding)

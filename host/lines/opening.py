@@ -28,6 +28,7 @@ __all__ = [
     "load_by_scheme",
     "open_transport",
     "open_untraced",
+    "refuse_rig",
 ]
 
 DEFAULT_URL = "emulator:"
@@ -47,6 +48,15 @@ def default_url() -> str:
 def is_fresh(url: str) -> bool:
     """Whether a URL means an emulated device that only exists during this process."""
     return url.partition("?")[0] == DEFAULT_URL
+
+
+def refuse_rig(url: str) -> None:
+    """Raise `DeviceUrlError` if a URL means several devices."""
+    if url.startswith(RIG):
+        raise DeviceUrlError(
+            f"{url!r} is several devices, and this is for one; name one of those that `phasewire devices --rig FILE` "
+            "lists"
+        )
 
 
 @cache
@@ -78,11 +88,7 @@ def load_by_scheme(
     DeviceNotFoundError, or what is ``missing``
         If there is none, and the known ones are named; or if it cannot be loaded.
     """
-    if url.startswith(RIG):
-        raise DeviceUrlError(
-            f"{url!r} is several devices, and this is for one; name one of those that `phasewire devices --rig FILE` "
-            "lists"
-        )
+    refuse_rig(url)
     scheme, colon, _ = url.partition(":")
     found = entries(group)
     if not colon or scheme not in found:

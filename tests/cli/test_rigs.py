@@ -122,6 +122,7 @@ def test_stop_reaches_the_others_if_a_device_is_missing(phasewire: Run, cluster:
     ("command", "message"),
     [
         ("reset --device rig:rig.toml", "is several devices, and this is for one"),
+        ("doctor --device rig:rig.toml", "is several devices, and this is for one"),
         ("touch cube --device rig:rig.toml", "is several devices, and this is for one"),
         ("stream circle --view --device rig:rig.toml", "--view is for one device, not for a rig"),
         ("play circle --view --device rig:rig.toml", "--view is for one device, not for a rig"),

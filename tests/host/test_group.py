@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -34,6 +35,7 @@ from phasewire.host.playing.common_clock import CommonClock, CommonTime
 from phasewire.host.playing.cycles import play_cycle
 from phasewire.host.playing.envelopes import sine
 from phasewire.host.playing.frames import Frame
+from phasewire.host.playing.session import Session
 from phasewire.host.playing.streaming import most_blocks_per_second
 from phasewire.protocol.board import CORE_HZ, CYCLES_PER_PERIOD, TICK_HZ
 from phasewire.protocol.codes import NOW, Reason, State
@@ -410,13 +412,6 @@ def test_a_cycle_plays_from_the_memories_of_all_devices_in_step() -> None:
                 np.testing.assert_allclose(seen[period], expected, atol=1e-6)
 
 
-def ends(group: DeviceGroup, emulators: list[Emulator], error: type[BaseException], match: str) -> None:
-    """An endless stream ends in an error, with the outputs of all off."""
-    with pytest.raises(error, match=match):
-        group.stream(repeat(FULL), 1000)
-    assert silent(emulators)
-
-
 @pytest.mark.parametrize("fault", [Unplugged, PowerCut])
 def test_a_lost_device_stops_all(fault: type[Unplugged | PowerCut]) -> None:
     full = Pulses(np.full(960, 25), np.full(960, 25))
@@ -462,6 +457,25 @@ def test_a_stop_in_another_thread_ends_the_stream_on_all() -> None:
             group.stream(endless(), 1000)
         thread.join()
         assert silent(emulators)
+
+
+def test_a_signal_s_handler_may_stop_all_in_the_middle_of_a_transfer(monkeypatch: pytest.MonkeyPatch) -> None:
+    with together() as (group, emulators):
+        session, post = group.devices[1]._session, Session.post
+
+        def interrupted(self: Session, *arguments: Any) -> None:
+            if self is session and len(emulators[0].capture().latches[0]) > 5:
+                signal.raise_signal(signal.SIGUSR1)
+            post(self, *arguments)
+
+        monkeypatch.setattr(Session, "post", interrupted)
+        before = signal.signal(signal.SIGUSR1, lambda *_: group.stop())
+        try:
+            with pytest.raises(DeviceRefusedError, match=r"^D\d: .*it was stopped"):
+                group.stream(repeat(FULL), 1000)
+            assert silent(emulators)
+        finally:
+            signal.signal(signal.SIGUSR1, before)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
