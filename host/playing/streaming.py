@@ -380,24 +380,27 @@ class Stream:
                 sending()
             except BaseException:
                 for each in self._lanes:
-                    self._count_posted(each, len(each.posted))
+                    self._count_posted(each, len(each.posted), follow=False)
                 raise
             known = sum(parcel.settled for _, parcel in lane.posted)
             refused = self._count_posted(lane, known)
             if refused is not None:
                 with suppress(DeviceError):
                     lane.session.settle()
-                self._count_posted(lane, len(lane.posted))
+                self._count_posted(lane, len(lane.posted), follow=False)
                 lane.session.check(refused)
 
-    def _count_posted(self, lane: Lane, parcels: int) -> Ack | None:
-        """Count the frames of the first posted parcels; returns the first one that was refused for its contents."""
+    def _count_posted(self, lane: Lane, parcels: int, *, follow: bool = True) -> Ack | None:
+        """Count the frames of the first posted parcels; returns the first one that was refused for its contents.
+
+        At the end of a stream nothing follows, and the line may be closed.
+        """
         first = None
         for _ in range(parcels):
             last, parcel = lane.posted.popleft()
             acks = parcel.answers.acks[parcel.answers.answered]
             lane.account(acks)
-            if parcel.answers.answered[-1:].all():
+            if follow and parcel.answers.answered[-1:].all():
                 self._follow(lane, last, parcel.answers.acks[-1])
             first = first or _refused(acks)
         return first
