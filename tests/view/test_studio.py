@@ -20,7 +20,7 @@ from phasewire.view.hands import MouseHands, at_wall_pace
 from phasewire.view.settings import HandSetting, ObjectSetting, Settings
 from phasewire.view.shelf import Shelf
 from phasewire.view.studio import Studio
-from phasewire.view.tap import EXACT, rig_of
+from phasewire.view.tap import EXACT, emitter_of
 
 from .pages import PATIENCE, Message, Page, page_of
 
@@ -57,7 +57,7 @@ def session(hand: str = "mouse:", objects: tuple[str, ...] = ("cube",), **option
         source: Any = MouseHands(HandSetting()) if hand == "mouse:" else at_wall_pace(open_hands(hand, time))
         studio = Studio(device, ARRAY, shelf, source, settings, emulator=emulator, **options)
         studio.warm_up()
-        with View(rig_of(device, ARRAY), settings=settings, director=studio) as view:
+        with View(emitter_of(device, ARRAY), settings=settings, director=studio) as view:
             running = Session(emulator, device, studio, view)
             try:
                 yield running
