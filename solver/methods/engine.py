@@ -10,13 +10,14 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numba import config
 from numpy.typing import NDArray
 
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
-from ..acoustics.propagation import transfer_matrix
+from ..acoustics.propagation import PAIRS_AT_A_TIME, transfer_matrix
 from ..acoustics.tables import ArrayTables, aligned, can_reach, tables_of
-from ..compiled import kernels
+from ..compiled import block_kernels, kernels
 from ..compiled.simd import LANES
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from .methods import METHODS, Kernels
@@ -64,10 +65,16 @@ class CompiledEngine:
         One of `METHODS` that has kernels.
     options : Options
         With an output policy.
+    threads : int, optional
+        That a big problem is shared among; by default numba's, one for each core or ``$NUMBA_NUM_THREADS``. They do not
+        change a bit of the result.
     """
 
-    def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
+    def __init__(
+        self, array: TransducerArray, medium: Medium, method: str, options: Options, threads: int | None = None
+    ) -> None:
         self._array, self._medium, self._uses, self._options = array, medium, kernels_of(method), options
+        self._threads = threads or config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
         self._tables = tables_of(array, medium)
         self._modelled = is_modelled(self._tables)
         self._at_once = solves_at_once(self._tables, method, options)
@@ -103,7 +110,7 @@ class CompiledEngine:
             kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
             return drive
         if keep and len(self._ids) == m:
-            kernels.begin(m, self._columns, self._gamma, 0, self._power, self._u, work)
+            self._begin(m, 0)
         else:
             self._find_phases(m, ids)
         kernels.finish(
@@ -136,11 +143,11 @@ class CompiledEngine:
             As `drive`.
         """
         tables, options = self._tables, self._options
-        if not self._at_once:
+        largest = max(len(points) for points in frames)
+        if not self._at_once or self._is_big(largest):
             drive_each(self, frames, first, stride, drives)
             return
         begins = np.cumsum([0, *(len(points) for points in frames)])
-        largest = max(len(points) for points in frames)
         self._make_room(largest)
         self.forget()
         self._start(largest)
@@ -222,24 +229,37 @@ class CompiledEngine:
         m, n = len(points), len(self._array)
         parts = kernels.carve(self._work, m, self._columns)
         re, im, reach = parts.re, parts.im, parts.spans[kernels.REACH]
-        matrix = transfer_matrix(self._array, points.positions, self._medium) / self._tables.strength
-        matrix *= self._array.able
-        re[:m, :n], im[:m, :n] = matrix.real, matrix.imag
-        re[:m, n:] = im[:m, n:] = 0
         wanted = points.amplitudes / points.amplitudes.max()
         parts.vectors[kernels.WANTED][:m] = wanted
-        reach[:n] = wanted @ np.abs(matrix)
-        reach[n:] = 0
+        re[:m, n:] = im[:m, n:] = reach[:] = 0
+        at_a_time = max(1, PAIRS_AT_A_TIME // n)
+        for first in range(0, m, at_a_time):
+            part = slice(first, min(first + at_a_time, m))
+            matrix = transfer_matrix(self._array, points.positions[part], self._medium) / self._tables.strength
+            matrix *= self._array.able
+            re[part, :n], im[part, :n] = matrix.real, matrix.imag
+            reach[:n] += wanted[part] @ np.abs(matrix)
 
     def _find_phases(self, m: int, ids: NDArray[np.int64] | None) -> None:
-        options, columns = self._options, self._columns
+        options = self._options
         self._start(m, ids)
         if options.phase_seconds is None:
-            kernels.begin(m, columns, self._gamma, options.phase_steps, self._power, self._u, self._work)
+            self._begin(m, options.phase_steps)
             return
-        kernels.begin(m, columns, self._gamma, 0, self._power, self._u, self._work)
+        self._begin(m, 0)
         end = perf_counter() + options.phase_seconds
         for _ in range(options.phase_steps):
             if perf_counter() >= end:
                 return
-            kernels.more_phases(m, columns, 1, self._power, self._u, self._work)
+            kernels.more_phases(m, self._columns, 1, self._power, self._u, self._work)
+
+    def _begin(self, m: int, phase_steps: int) -> None:
+        """From the transfer matrix to the phases after some steps."""
+        settings = m, self._columns, self._gamma, phase_steps, self._power, self._u, self._work
+        if self._is_big(m):
+            block_kernels.begin(*settings, threads=self._threads)
+        else:
+            kernels.begin(*settings)
+
+    def _is_big(self, m: int) -> bool:
+        return m * self._columns >= block_kernels.BLOCKED_PAIRS
