@@ -20,7 +20,7 @@ from .residual_table import ResidualTable
 if TYPE_CHECKING:
     from .tables import ArrayTables
 
-__all__ = ["Precision", "arrivals", "pressure", "transfer_matrix"]
+__all__ = ["Precision", "arrivals", "as_drive", "pressure", "transfer_matrix"]
 
 Precision = Literal["double", "single"]
 
@@ -113,15 +113,7 @@ def pressure(
     ValueError
         If the drive has another length than the array, or as `transfer_matrix`.
     """
-    check_array(array)
-    try:
-        drive = np.asarray(drive, dtype=np.complex128)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"a drive is (n,) complex, such as solution.drive: {error}") from error
-    if drive.shape != (len(array),):
-        raise ValueError(f"drive has the shape {drive.shape}, but the array has {len(array)} transducers")
-    if (bad := np.flatnonzero(~np.isfinite(drive))).size:
-        raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
+    drive = as_drive(array, drive)
     if precision not in get_args(Precision):
         raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
     points, medium = as_places(at), as_medium(medium)
@@ -135,6 +127,20 @@ def pressure(
         part = slice(first, first + at_a_time)
         result[part] = _transfer_matrix(array, points[part], medium, first) @ drive
     return result
+
+
+def as_drive(array: TransducerArray, drive: ArrayLike) -> NDArray[np.complex128]:
+    """Drives (n,) of an array; `ValueError` if they are not as many as its transducers, or one is not finite."""
+    check_array(array)
+    try:
+        drive = np.asarray(drive, dtype=np.complex128)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"a drive is (n,) complex, such as solution.drive: {error}") from error
+    if drive.shape != (len(array),):
+        raise ValueError(f"drive has the shape {drive.shape}, but the array has {len(array)} transducers")
+    if (bad := np.flatnonzero(~np.isfinite(drive))).size:
+        raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
+    return drive
 
 
 def arrivals(array: TransducerArray, at: PointsLike, medium: Medium) -> NDArray[np.complex64]:

@@ -7,13 +7,13 @@ what `kernels.begin` does, and is tested against it.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 
 from .kernels import _kernel, _part, align, carve, enter, products, weigh_all
 from .simd import LANES, load, store
+from .threads import share
 
 __all__ = ["BLOCKED_PAIRS", "begin"]
 
@@ -90,6 +90,5 @@ def begin(
     Each thread copies a panel of m · `DEPTH` columns at a time, 4 MB at 1024 points.
     """
     weigh_points(m, columns, gamma, work)
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(lambda first: add_blocks(m, columns, first, threads, work), range(threads)))
+    share(lambda first: add_blocks(m, columns, first, threads, work), threads)
     align_points(m, columns, phase_steps, power, u, work)

@@ -10,7 +10,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numba import config
 from numpy.typing import NDArray
 
 from ..acoustics.array import TransducerArray
@@ -19,6 +18,7 @@ from ..acoustics.propagation import PAIRS_AT_A_TIME, transfer_matrix
 from ..acoustics.tables import ArrayTables, aligned, can_reach, tables_of
 from ..compiled import block_kernels, kernels
 from ..compiled.simd import LANES
+from ..compiled.threads import THREADS
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from .methods import METHODS, Kernels
 from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options
@@ -66,15 +66,14 @@ class CompiledEngine:
     options : Options
         With an output policy.
     threads : int, optional
-        That a big problem is shared among; by default numba's, one for each core or ``$NUMBA_NUM_THREADS``. They do not
-        change a bit of the result.
+        That a big problem is shared among, `THREADS` by default. They do not change a bit of the result.
     """
 
     def __init__(
         self, array: TransducerArray, medium: Medium, method: str, options: Options, threads: int | None = None
     ) -> None:
         self._array, self._medium, self._uses, self._options = array, medium, kernels_of(method), options
-        self._threads = threads or config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+        self._threads = threads or THREADS
         self._tables = tables_of(array, medium)
         self._modelled = is_modelled(self._tables)
         self._at_once = solves_at_once(self._tables, method, options)
@@ -262,4 +261,4 @@ class CompiledEngine:
             kernels.begin(*settings)
 
     def _is_big(self, m: int) -> bool:
-        return m * self._columns >= block_kernels.BLOCKED_PAIRS
+        return bool(m * self._columns >= block_kernels.BLOCKED_PAIRS)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Solution", "Solver", "Wanted", "control_points", "solve", "solve_frames"]
 
-MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays
+MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays in double precision
 
 Wanted: TypeAlias = ControlPoints | Shape | ArrayLike
 """What to solve for: control points, a shape, or (m, 3) positions in metres, all of amplitude 1."""
@@ -64,7 +64,8 @@ class Solution(Drawable):
 class Solver:
     """Solves for an array, frame after frame: it keeps its buffers, and the phases of one frame begin the next.
 
-    Successive frames then stay coherent, which is quieter. The result depends on the frames before it, but the same
+    Successive frames then stay coherent, which is quieter. Big problems, of 250 000 points · transducers, are shared among
+    the cores, or ``$NUMBA_NUM_THREADS`` threads, which does not change a bit of the result. The result depends on the frames before it, but the same
     frames give the same bits; `forget` begins anew. A solver is for one thread at a time.
 
     Parameters
@@ -246,7 +247,7 @@ def solve_frames(
         check_size(array, points, method, f"frame {index}: ")
 
     def work(first: int) -> None:
-        engine_for(array, air, method, settings, precision).drive_frames(wanted, first, workers, drives)
+        engine_for(array, air, method, settings, precision, 1).drive_frames(wanted, first, workers, drives)
 
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(work, range(min(workers, len(wanted)))))
@@ -294,13 +295,20 @@ def check_size(array: TransducerArray, points: ControlPoints, method: str, where
         )
 
 
-def engine_for(array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision) -> Engine:
-    """The engine for a method and a precision, the compiled one if there is one."""
+def engine_for(
+    array: TransducerArray,
+    medium: Medium,
+    method: str,
+    options: Options,
+    precision: Precision,
+    threads: int | None = None,
+) -> Engine:
+    """The engine for a method and a precision, the compiled one if there is one; ``threads`` as for that."""
     if not has_kernels(method, options, precision):
         return ReferenceEngine(array, medium, method, options)
     from .engine import CompiledEngine  # numba takes half a second to import
 
-    return CompiledEngine(array, medium, method, options)
+    return CompiledEngine(array, medium, method, options, threads)
 
 
 def has_kernels(method: str, options: Options, precision: Precision) -> bool:
