@@ -242,8 +242,8 @@ def _sample(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Medium
         return frozen(np.reshape(layers, grid.shape).astype(np.complex128))
     if samples * len(array) > MAX_PAIRS:
         raise ValueError(
-            f"{samples} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs, unless the array "
-            f"is flat and on a square grid, the plane is parallel to it, and the pitch is a multiple of the step"
+            f"{samples} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs, unless the "
+            f"array is flat and on a square grid, the plane is parallel to it, and the pitch is a multiple of the step"
         )
     values = pressure(array, drive, grid.positions().reshape(-1, 3), medium, precision="single")
     return frozen(values.reshape(grid.shape))

@@ -64,9 +64,9 @@ class Solution(Drawable):
 class Solver:
     """Solves for an array, frame after frame: it keeps its buffers, and the phases of one frame begin the next.
 
-    Successive frames then stay coherent, which is quieter. Big problems, of 250 000 points · transducers, are shared among
-    the cores, or ``$NUMBA_NUM_THREADS`` threads, which does not change a bit of the result. The result depends on the frames before it, but the same
-    frames give the same bits; `forget` begins anew. A solver is for one thread at a time.
+    Successive frames then stay coherent, which is quieter. The result depends on the frames before it, but the same
+    frames give the same bits; `forget` begins anew. A solver is for one thread at a time; from 250 000 points ·
+    transducers on it uses all cores, or as many threads as ``$NUMBA_NUM_THREADS`` says, which does not change a bit.
 
     Parameters
     ----------

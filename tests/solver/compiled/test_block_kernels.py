@@ -79,12 +79,13 @@ def test_blocks_solve_as_well_as_double_precision(
     assert not drive[array.response == 0].any()
 
 
+CLOUD = np.random.default_rng(1).uniform([-0.05, -0.05, 0.1], [0.05, 0.05, 0.2], (70, 3))
 SPECIAL = {
     "one point": ([[0.0, 0.01, 0.15]], [1.0]),
-    "one that is no null": (np.random.default_rng(1).uniform([-0.05, -0.05, 0.1], [0.05, 0.05, 0.2], (9, 3)), np.eye(9)[4]),
+    "one that is no null": (CLOUD[:9], np.eye(9)[4]),
     "repeated": (np.repeat([[0.0, 0.01, 0.15], [0.03, 0.0, 0.2]], 20, axis=0), np.ones(40)),
-    "more than transducers": (np.random.default_rng(2).uniform([-0.05, -0.05, 0.1], [0.05, 0.05, 0.2], (70, 3)), np.ones(70)),
-}  # fmt: skip
+    "more than transducers": (CLOUD, np.ones(70)),
+}
 
 
 @pytest.mark.parametrize("side", [1, 6])
@@ -125,7 +126,7 @@ def test_frames_and_motion_go_through_the_blocks() -> None:
 
 
 def test_a_point_behind_the_array_is_refused() -> None:
-    with pytest.raises(ValueError, match="control point 1 at .* is on the array or behind it"):
+    with pytest.raises(ValueError, match=r"control point 1 at .* is on the array or behind it"):
         in_blocks(TransducerArray.grid(4, 4), ControlPoints([[0, 0, 0.1], [0, 0, -0.1]]), "wgs")
 
 
@@ -145,7 +146,7 @@ def test_many_pairs_are_checked_and_modelled_in_parts() -> None:
     whole = solve(wide, points).drive
     with patch.object(engine, "PAIRS_AT_A_TIME", 100), patch("phasewire.solver.shapes.points.PAIRS_AT_A_TIME", 100):
         np.testing.assert_allclose(solve(wide, points).drive, whole, atol=1e-4)
-        with pytest.raises(ValueError, match="control point 3 at .* is out of reach"):
+        with pytest.raises(ValueError, match=r"control point 3 at .* is out of reach"):
             check_reachable(wide, ControlPoints([*points.positions[:3], [0, 0, 5]]))
 
 
