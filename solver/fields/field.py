@@ -26,9 +26,9 @@ __all__ = ["Field", "PlaneField", "VolumeField", "sample_cut", "sample_plane", "
 
 MAX_PAIRS = 2_000_000_000  # of samples and transducers, for the direct sum
 MAX_SPECTRUM = 16_000_000  # numbers of a plane's spectrum, for the FFT: some 400 MB with all that is made on the way
-PAIRS_PER_SAMPLE = 80
+PAIRS_PER_SAMPLE = 90
 """Pairs of the direct sum that take as long as a number of the spectrum, which is made for one drive: half a nanosecond
-each against 25 to 50, measured by ``benchmarks/scaling.py``."""
+each against 25 to 60; measured by ``benchmarks/scaling.py``."""
 
 
 @dataclass(frozen=True, eq=False)
