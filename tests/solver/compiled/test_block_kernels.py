@@ -80,7 +80,7 @@ def test_blocks_solve_as_well_as_double_precision(
 
 
 CLOUD = np.random.default_rng(1).uniform([-0.05, -0.05, 0.1], [0.05, 0.05, 0.2], (70, 3))
-SPECIAL = {
+SPECIAL: dict[str, tuple[Any, Any]] = {
     "one point": ([[0.0, 0.01, 0.15]], [1.0]),
     "one that is no null": (CLOUD[:9], np.eye(9)[4]),
     "repeated": (np.repeat([[0.0, 0.01, 0.15], [0.03, 0.0, 0.2]], 20, axis=0), np.ones(40)),
@@ -159,7 +159,7 @@ def test_big_problems_are_solved_as_well_as_in_double_precision(shape: tuple[int
     assert m * columns * rows >= block_kernels.BLOCKED_PAIRS
     half = columns * 4e-3
     points = ControlPoints(rng.uniform([-half, -half, 0.15], [half, half, 0.4], (m, 3)), rng.uniform(0.2, 1, m))
-    drives = [solve(array, points, method, precision=precision).drive for precision in ("single", "double")]  # type: ignore[arg-type]
+    drives = [solve(array, points, method, precision=precision).drive for precision in ("single", "double")]
     single, double = (np.abs(pressure(array, drive, points.positions)) for drive in drives)
     assert misfit(single, points.amplitudes)[1] <= 1.1 * misfit(double, points.amplitudes)[1] + 1e-3
     assert single.mean() == pytest.approx(double.mean(), rel=0.02)

@@ -49,7 +49,7 @@ def test_planes_and_boxes_by_fft_are_the_direct_sum(
     response = rng.normal(size=len(chosen)) + 1j * rng.normal(size=len(chosen))
     response[1] = 0
     normals = np.tile(look, (len(chosen), 1))
-    array = TransducerArray(whole.positions[chosen] + [0.02, 0, 0.01], normals, Transducer(model=model))  # type: ignore[arg-type]
+    array = TransducerArray(whole.positions[chosen] + [0.02, 0, 0.01], normals, Transducer(model=model))
     array = array.calibrated(response)
     drive = rng.normal(size=len(chosen)) + 1j * rng.normal(size=len(chosen))
     grid = Grid.along(letters, centre, extents[: len(letters)], lattice_of(array).pitch / per_pitch)
@@ -119,7 +119,7 @@ def test_a_plane_of_more_pairs_than_a_direct_sum_may_have() -> None:
 @given(samples=st.integers(1, 1500), threads=st.integers(2, 4))
 @settings(max_examples=15)
 def test_threads_do_not_change_a_bit_of_a_pressure(model: str, samples: int, threads: int) -> None:
-    array = TransducerArray.grid(6, 5, transducer=Transducer(model=model))  # type: ignore[arg-type]
+    array = TransducerArray.grid(6, 5, transducer=Transducer(model=model))
     at = np.random.default_rng(samples).uniform([-0.1, -0.1, 0.1], [0.1, 0.1, 0.3], (samples, 3))
     alone = pressure(array, DRIVE, at, precision="single")
     with patch.object(tables, "SHARED_PAIRS", 1), patch.object(tables, "THREADS", threads):
