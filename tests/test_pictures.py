@@ -39,6 +39,10 @@ from phasewire.hil.picture import save_end_to_end_picture
 from phasewire.hil.sensing import sense, skin_over
 from phasewire.hil.sensing_picture import save_sensation_picture
 from phasewire.hil.study.picture import draw_study
+from phasewire.hil.sweep.design import FIELDS
+from phasewire.hil.sweep.measures import MEASURES
+from phasewire.hil.sweep.picture import draw_sweep
+from phasewire.hil.sweep.results import Results
 from phasewire.hil.touch_latency import draw_touch_latency, measure_touch_latency
 from phasewire.hil.touch_picture import save_touch_picture
 from phasewire.pictures import COLUMN, LANDSCAPE
@@ -117,6 +121,21 @@ def felt(ways: int) -> None:
         save_felt_picture(FILE, found[names[0]].felt, "A circle of 4 cm, as emulated boards emit it")
     else:
         save_sensation_picture(FILE, found, "circle:radius=0.02: felt and heard, by the bits of emulated boards")
+
+
+def swept() -> Figure:
+    """Every field with a number and two texts, as many as can be drawn; a row has a problem."""
+    rows = 4 * 200
+    columns: dict[str, list[object]] = {name: [None] * rows for name in FIELDS}
+    for number, name in enumerate(("columns", "pitch_mm", "tolerance_mm", "temperature_c", "phase_error_deg", "seed")):
+        columns[name] = [row // (number + 1) % (3 + number) for row in range(rows)]
+    columns["quantisation"] = [("none", "pulses", "4")[row % 3] for row in range(rows)]
+    columns["method"] = [("wgs", "min_norm", "multiplex", "tikhonov")[row % 4] for row in range(rows)]
+    rng = np.random.default_rng(0)
+    columns |= {name: (1000 * rng.random(rows)).tolist() for name in MEASURES}
+    columns["problem"] = [None] * (rows - 1) + ["LinAlgError: Singular matrix"]
+    columns["strength_pa"][-1] = None
+    return draw_sweep(Results("", columns), "A sweep of made-up numbers")
 
 
 def figure_7() -> Figure:

@@ -9,11 +9,13 @@ from __future__ import annotations
 import logging
 import os
 import re
+import signal
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from itertools import islice
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from threadpoolctl import threadpool_limits
@@ -108,7 +110,7 @@ def open_crew(on: str, workers: int | None = None) -> Iterator[Crew]:
     ClusterNotFoundError
         If no scheduler answers, or it has no workers.
     ClusterError
-        If other versions run there.
+        If other versions run there, or workers cannot be started.
     """
     check_crew(on, workers)
     if on == SERIAL:
@@ -123,22 +125,23 @@ def open_crew(on: str, workers: int | None = None) -> Iterator[Crew]:
             yield _Dask(client, client.dashboard_link)
         return
     count = workers or CPU_COUNT
-    with (
-        threadpool_limits(1),
-        _told(ENVIRONMENT),
-        LocalCluster(
-            n_workers=count if on == PROCESSES else 1,
-            threads_per_worker=1 if on == PROCESSES else count,
-            processes=on == PROCESSES,
-            protocol="tcp://",
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            memory_limit=None,  # as for the same rows one after the other
-            silence_logs=logging.ERROR,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield _Dask(client, f"http://127.0.0.1:{cluster.scheduler.services['dashboard'].port}/status")
+    with threadpool_limits(1), _told(ENVIRONMENT):
+        try:
+            with _deaf_to_ctrl_c():
+                cluster = LocalCluster(
+                    n_workers=count if on == PROCESSES else 1,
+                    threads_per_worker=1 if on == PROCESSES else count,
+                    processes=on == PROCESSES,
+                    protocol="tcp://",
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    memory_limit=None,  # as for the same rows one after the other
+                    silence_logs=logging.ERROR,
+                )
+        except RuntimeError as error:
+            raise ClusterError(f"Dask cannot start {count} workers on {on}: {error.__cause__ or error}") from error
+        with cluster, Client(cluster) as client:
+            yield _Dask(client, f"http://127.0.0.1:{cluster.scheduler.services['dashboard'].port}/status")
 
 
 class _Alone:
@@ -201,6 +204,20 @@ def _told(environment: Mapping[str, str]) -> Iterator[None]:
                     os.environ.pop(name, None)
                 else:
                     os.environ[name] = value
+
+
+@contextmanager
+def _deaf_to_ctrl_c() -> Iterator[None]:
+    """Leave Ctrl-C to this thread: threads and processes that begin in this block, and theirs, do not get it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # it would end the block when it begins
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -33,6 +33,8 @@ __all__ = ["MOST_ROWS", "SWEEP_FILES", "Sweep", "read_sweep"]
 MOST_ROWS = 100_000
 """Some hours on two cores."""
 MOST_TABLE_BYTES = 16_000_000
+MOST_PROBLEMS = 50
+"""That are explained; the rows of others are named only."""
 GRID, DESIGN, TABLE = "grid", "design", "table"
 RANGE = {"from", "to", "count"}
 
@@ -103,8 +105,11 @@ def read_sweep(path: FilePath) -> Sweep:
     for number, row in enumerate(rows):
         checker.check(number, row)
     if checker.wrong:
-        count = len({number for numbers in checker.wrong.values() for number in numbers})
-        lines = [f"{_numbered(numbers)}: {problem}" for problem, numbers in checker.wrong.items()]
+        count = sum(map(len, checker.wrong.values()))
+        problems = list(checker.wrong.items())
+        lines = [f"{_numbered(numbers)}: {problem}" for problem, numbers in problems[:MOST_PROBLEMS]]
+        if rest := sorted(number for _, numbers in problems[MOST_PROBLEMS:] for number in numbers):
+            lines.append(f"{_numbered(rest)}: similar problems")
         raise InputFileError("\n  ".join([f"{path}: {count} of {len(rows)} rows cannot be computed", *lines]))
     return Sweep(tuple(checker.designs), checker.points)
 

@@ -102,9 +102,7 @@ class Journal:
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise InputFileError(
-                    f"{self.path} is being written by another sweep; wait until it has ended"
-                ) from None
+                raise InputFileError(f"{self.path} is in use by another run; wait until it has ended") from None
 
     def _read(self, header: dict[str, Any]) -> None:
         first = self._file.readline(2**12)
