@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -18,14 +18,12 @@ from ..hil.sweep.design import FIELDS
 from ..hil.sweep.files import SWEEP_FILES, read_sweep
 from ..hil.sweep.journal import journal_path
 from ..hil.sweep.measures import MEASURE_UNITS, MEASURES
-from ..hil.sweep.results import read_results
+from ..hil.sweep.picture import draw_sweep, drawn_fields
+from ..hil.sweep.results import Results, read_results
 from ..hil.sweep.running import run_sweep
 from ..pictures import check_picture_path, save_figure
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
-
-if TYPE_CHECKING:
-    from ..hil.sweep.results import Results
 
 __all__ = ["commands"]
 
@@ -67,10 +65,12 @@ def sweep(
     """Measure many designs (the help text above is built from the fields)."""
     if output.suffix.lower() != ".parquet":
         raise ValueError(f"{output}: the name of a sweep's results ends in .parquet")
+    check_outputs([output, plot, json_target], inputs=[file])
     if plot is not None:
         check_picture_path(plot)
-    check_outputs([output, plot, json_target], inputs=[file])
     designs, started = read_sweep(file), perf_counter()
+    if plot is not None:
+        drawn_fields(designs.columns())
     console, out = error_console(), console_for(json_target)
     links: list[str | None] = []
 
@@ -94,8 +94,6 @@ def sweep(
     if (more := len(results.problems) - SHOWN_PROBLEMS) > 0:
         console.print(f"{more} more rows have no measures; the column problem says why", style="yellow")
     if plot is not None:
-        from ..hil.sweep.picture import draw_sweep
-
         save_figure(draw_sweep(results, file.stem), plot)
         console.print(f"Drawn to {plot}")
     out.print(

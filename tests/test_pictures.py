@@ -169,6 +169,7 @@ PICTURES: dict[str, tuple[Callable[[], object], float]] = {
     "figure 7": (figure_7, COLUMN),
     "range": (lambda: draw_range(reproduce_range()), COLUMN),
     "ring up": (lambda: runpy.run_path(str(ROOT / "examples" / "ring_up.py")), COLUMN),
+    "sweep": (swept, LANDSCAPE),
     "study": (lambda: draw_study(made_up()), COLUMN),
     "timeline": (lambda: draw_timeline(way_of_an_update(Emulator()), "One update"), LANDSCAPE),
     "touch": (touched, LANDSCAPE),

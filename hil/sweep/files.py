@@ -65,7 +65,11 @@ class Sweep:
     @property
     def swept(self) -> tuple[str, ...]:
         """The fields that differ between rows."""
-        return tuple(name for name in FIELDS if len({getattr(design, name) for design in self.designs}) > 1)
+        return tuple(name for name, values in self.columns().items() if len(set(values)) > 1)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """The values of each field in all rows."""
+        return {name: [getattr(design, name) for design in self.designs] for name in FIELDS}
 
     def fingerprint(self, version: str) -> str:
         """A hexadecimal number that differs for other rows, other points, or another version of phasewire."""

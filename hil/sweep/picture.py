@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -9,13 +10,13 @@ from numpy.typing import NDArray
 
 from ...pictures import LANDSCAPE, new_figure, printed
 from .design import FIELDS
-from .results import Results
+from .results import PROBLEM, Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_sweep"]
+__all__ = ["draw_sweep", "drawn_fields"]
 
 MOST_FIELDS = 8
 ROW_INCHES = 1.75
@@ -49,6 +50,35 @@ LABELS = {
 }
 
 
+def drawn_fields(columns: Mapping[str, Sequence[object]]) -> dict[str, list[str]]:
+    """The fields over which a picture draws, each with those that always change together with it.
+
+    Parameters
+    ----------
+    columns : mapping of str to sequence
+        Values of the fields in each row; the seed is left out.
+
+    Raises
+    ------
+    ValueError
+        If they are none, or more than `MOST_FIELDS`.
+    """
+    drawn: dict[str, list[str]] = {}
+    for name in FIELDS:
+        kinds = len(set(columns[name]))
+        if name == "seed" or kinds == 1:
+            continue
+        for other, together in drawn.items():
+            if kinds == len(set(columns[other])) == len(set(zip(columns[name], columns[other], strict=True))):
+                together.append(name)
+                break
+        else:
+            drawn[name] = []
+    if not 1 <= len(drawn) <= MOST_FIELDS:
+        raise ValueError(f"{len(drawn)} fields differ between designs, seeds aside; 1 to {MOST_FIELDS} can be drawn")
+    return drawn
+
+
 @printed()
 def draw_sweep(results: Results, headline: str) -> Figure:
     """Draw the median over all rows with the same value of a field, and where eight tenths of them lie.
@@ -56,20 +86,16 @@ def draw_sweep(results: Results, headline: str) -> Figure:
     Raises
     ------
     ValueError
-        If no field was swept, more than `MOST_FIELDS` were, or no row has measures.
+        As `drawn_fields`.
     """
-    rows = np.flatnonzero([problem is None for problem in results.columns["problem"]])
-    swept = [name for name in FIELDS if name != "seed" and len(_values(results, name, rows)) > 1]
-    if not 1 <= len(swept) <= MOST_FIELDS:
-        raise ValueError(
-            f"{len(swept)} fields differ between rows with measures, seeds aside; 1 to {MOST_FIELDS} can be drawn"
-        )
+    rows = np.flatnonzero([problem is None for problem in results.columns[PROBLEM]])
+    swept = drawn_fields(results.columns)
     figure = new_figure(ROW_INCHES * len(PANELS) + 0.8, LANDSCAPE)
     grid = figure.subplots(len(PANELS), len(swept), squeeze=False, sharex="col", sharey="row")
-    for along, name in enumerate(swept):
+    for along, (name, together) in enumerate(swept.items()):
         for panel, axes in zip(PANELS, grid[:, along], strict=True):
             _draw(axes, results, name, panel, rows)
-        grid[-1, along].set_xlabel(LABELS.get(name, name))
+        grid[-1, along].set_xlabel(", ".join(LABELS.get(each, each) for each in (name, *together)))
     for panel, axes in zip(PANELS, grid[:, 0], strict=True):
         axes.set_ylabel(panel.label)
     figure.suptitle(f"{headline}\nmedians of {len(rows)} rows, and where 80 % of those with the same value lie")
@@ -100,4 +126,4 @@ def _draw(axes: Axes, results: Results, name: str, panel: Panel, rows: NDArray[n
     axes.plot(at, middle, color="#0072B2", marker="o", markersize=3, linewidth=1.2)
     axes.grid(color="0.9")
     if not is_number:
-        axes.set_xticks(at, ["default" if value is None else str(value) for value in values])
+        axes.set_xticks(at, ["default" if value is None else str(value) for value in values], rotation=45)

@@ -70,7 +70,7 @@ def write_results(path: FilePath, sweep: Sweep, done: Mapping[int, Result], fing
     kinds = {"int": pyarrow.int64(), "float": pyarrow.float64(), "str": pyarrow.string()}
     units = UNITS | MEASURE_UNITS
     results = [done[row] for row in range(len(sweep))]
-    columns = {name: [getattr(design, name) for design in sweep.designs] for name in FIELDS}
+    columns = sweep.columns()
     columns |= {name: [getattr(result.measures, name, None) for result in results] for name in MEASURES}
     columns[PROBLEM] = [result.problem for result in results]
     fields = [
