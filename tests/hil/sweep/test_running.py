@@ -52,6 +52,12 @@ def output(tmp_path: Path) -> Path:
     return tmp_path / "r.parquet"
 
 
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Measures that take no time, for what does not depend on them."""
+    monkeypatch.setattr(crews, "measure", lambda design, _: Measures(design.phase_error_deg, 0.1, 0.2, None, 3, 40.0))
+
+
 def alone(sweep: Sweep, output: Path) -> bytes:
     """The bytes of one row after the other."""
     run_sweep(sweep, output, on="serial")
@@ -100,6 +106,7 @@ def test_threads_end_with_the_bytes_of_one_row_after_the_other_and_have_a_page(s
     assert begun[0].link.startswith("http://127.0.0.1:")
 
 
+@pytest.mark.usefixtures("quick")
 def test_a_run_goes_on_from_the_rows_that_are_done_and_a_whole_one_is_left_alone(sweep: Sweep, output: Path) -> None:
     expected = alone(sweep, output)
 
@@ -116,6 +123,7 @@ def test_a_run_goes_on_from_the_rows_that_are_done_and_a_whole_one_is_left_alone
     assert output.read_bytes() == expected
 
 
+@pytest.mark.usefixtures("quick")
 def test_a_whole_journal_only_needs_to_be_written(sweep: Sweep, output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -128,6 +136,7 @@ def test_a_whole_journal_only_needs_to_be_written(sweep: Sweep, output: Path, mo
     assert not journal_path(output).exists()
 
 
+@pytest.mark.usefixtures("quick")
 def test_another_sweep_replaces_results_but_no_journal(sweep: Sweep, output: Path) -> None:
     run_sweep(sweep, output, on="serial")
     other = Sweep(sweep.designs[:2], sweep.points)
@@ -143,7 +152,7 @@ def test_a_row_that_fails_says_why_and_the_others_go_on(
     def fails(design: Design, points: Any) -> Measures:
         if design.method == "min_norm":
             raise np.linalg.LinAlgError("Singular matrix")
-        return measure(design, points)
+        return Measures(1.0, 0.1, 0.2, None, 3, 40.0)
 
     monkeypatch.setattr(crews, "measure", fails)
     run_sweep(sweep, output, on="serial")
