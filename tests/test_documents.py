@@ -67,6 +67,7 @@ def test_the_python_of_the_first_steps_runs(capsys: pytest.CaptureFixture[str]) 
         ("explanation/quiet-and-safe.md", 1),
         ("explanation/skin.md", 1),
         ("how-to/feel.md", 1),
+        ("how-to/sweeps.md", 1),
         ("how-to/xs1.md", 1),
     ],
 )

@@ -20,6 +20,8 @@ __all__ = ["draw_sweep", "drawn_fields"]
 
 MOST_FIELDS = 8
 ROW_INCHES = 1.75
+LETTERS = 11
+"""In an inch, side by side with room between names."""
 BAND = (10, 90)  # per cent of the rows lie below its ends
 
 
@@ -126,4 +128,6 @@ def _draw(axes: Axes, results: Results, name: str, panel: Panel, rows: NDArray[n
     axes.plot(at, middle, color="#0072B2", marker="o", markersize=3, linewidth=1.2)
     axes.grid(color="0.9")
     if not is_number:
-        axes.set_xticks(at, ["default" if value is None else str(value) for value in values], rotation=45)
+        names = ["default" if value is None else str(value) for value in values]
+        is_wide = sum(map(len, names)) > LETTERS * axes.bbox.width / axes.figure.dpi
+        axes.set_xticks(at, names, rotation=45 if is_wide else 0)
