@@ -11,7 +11,7 @@ import os
 import re
 import signal
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from itertools import islice
@@ -36,8 +36,11 @@ SERIAL, THREADS, PROCESSES = CREWS = ("serial", "threads", "processes")
 ADDRESS = re.compile(r"(tcp|tls)://[^/\s]+:\d+")
 MOST_WORKERS = 256
 CONNECT_SECONDS = 10
+MOST_AT_ONCE, SHARES = 8, 16
+"""Rows that a worker gets at once, because Dask takes some milliseconds for whatever it hands out; but at least so many
+shares for each worker, because at the end others wait for the last."""
 AHEAD = 4
-"""Rows that each worker has waiting: enough that none idles, and few to drop when the sweep is stopped."""
+"""Shares that each worker has waiting: enough that none idles, and few to drop when the sweep is stopped."""
 ENVIRONMENT = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 ) | {
@@ -67,7 +70,7 @@ class Crew(Protocol):
     link: str | None
     """The address of a page that shows the workers, if there is one."""
 
-    def measured(self, tasks: Iterable[Task]) -> Iterator[tuple[int, Result]]:
+    def measured(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Result]]:
         """Rows and their results, as they end.
 
         Raises
@@ -150,7 +153,7 @@ class _Alone:
     workers: int = 1
     link: str | None = None
 
-    def measured(self, tasks: Iterable[Task]) -> Iterator[tuple[int, Result]]:
+    def measured(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Result]]:
         """Rows and their results."""
         return map(_measured, tasks)
 
@@ -162,31 +165,32 @@ class _Dask:
         self.link, self._client = link, client
         self.workers = sum(client.nthreads().values())
 
-    def measured(self, tasks: Iterable[Task]) -> Iterator[tuple[int, Result]]:
+    def measured(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Result]]:
         """Rows and their results, as they end."""
         from distributed import as_completed
         from distributed.client import FutureCancelledError
         from distributed.scheduler import KilledWorker
 
-        waiting = iter(tasks)
-        ahead = [self._submit(task) for task in islice(waiting, AHEAD * self.workers)]
+        size = min(max(len(tasks) // (SHARES * self.workers), 1), MOST_AT_ONCE)
+        waiting = (tasks[first : first + size] for first in range(0, len(tasks), size))
+        ahead = [self._submit(share) for share in islice(waiting, AHEAD * self.workers)]
         done: Any = as_completed(ahead)
         del ahead  # a future that is held keeps its result at the worker
         for future in done:
             try:
-                result = future.result()
+                results = future.result()
             except KilledWorker as error:
                 raise ClusterError(
                     f"a row ended its worker again and again, perhaps for lack of memory: {error}"
                 ) from error
             except (FutureCancelledError, OSError) as error:
                 raise ClusterError(f"the cluster is lost: {error}") from error
-            for task in islice(waiting, 1):
-                done.add(self._submit(task))
-            yield result
+            for share in islice(waiting, 1):
+                done.add(self._submit(share))
+            yield from results
 
-    def _submit(self, task: Task) -> Any:
-        return self._client.submit(_measured_by_worker, task, pure=False)
+    def _submit(self, share: Sequence[Task]) -> Any:
+        return self._client.submit(_measured_by_worker, share, pure=False)
 
 
 @contextmanager
@@ -266,9 +270,9 @@ def _measured(task: Task) -> tuple[int, Result]:
         return task.row, Result(None, f"{type(error).__name__}: {error}")
 
 
-def _measured_by_worker(task: Task) -> tuple[int, Result]:
+def _measured_by_worker(share: Sequence[Task]) -> list[tuple[int, Result]]:
     _take_one_thread()
-    return _measured(task)
+    return [_measured(task) for task in share]
 
 
 @cache
