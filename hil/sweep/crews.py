@@ -184,7 +184,7 @@ class _Dask:
                     f"a row ended its worker again and again, perhaps for lack of memory: {error}"
                 ) from error
             except (FutureCancelledError, OSError) as error:
-                raise ClusterError(f"the cluster is lost: {error}") from error
+                raise ClusterError("the cluster is lost: its scheduler does not answer any more") from error
             for share in islice(waiting, 1):
                 done.add(self._submit(share))
             yield from results
@@ -230,19 +230,26 @@ def _connected(address: str) -> Iterator[Client]:
     from distributed import Client
     from distributed.versions import VersionMismatchWarning
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", VersionMismatchWarning)  # which are judged here
-        try:
-            client = Client(address, timeout=CONNECT_SECONDS)
-        except (OSError, ValueError, ImportError) as error:
-            raise ClusterNotFoundError(f"no scheduler of Dask answers at {address}: {error}") from error
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=CONNECT_SECONDS)
-        except TimeoutError as error:
-            raise ClusterNotFoundError(f"{address} has no workers; start some with `dask worker {address}`") from error
-        _check_versions(address, client.get_versions(packages=list(PACKAGES)))
-        yield client
+    log = logging.getLogger("distributed.client")
+    before, log.disabled = log.disabled, True  # it prints tracebacks of what becomes one of our errors
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", VersionMismatchWarning)  # which are judged here
+            try:
+                client = Client(address, timeout=CONNECT_SECONDS)
+            except (OSError, ValueError, ImportError) as error:
+                raise ClusterNotFoundError(f"no scheduler of Dask answers at {address}: {error}") from error
+        with client:
+            try:
+                client.wait_for_workers(1, timeout=CONNECT_SECONDS)
+            except TimeoutError as error:
+                raise ClusterNotFoundError(
+                    f"{address} has no workers; start some with `dask worker {address}`"
+                ) from error
+            _check_versions(address, client.get_versions(packages=list(PACKAGES)))
+            yield client
+    finally:
+        log.disabled = before
 
 
 def _check_versions(address: str, found: Mapping[str, Any]) -> None:

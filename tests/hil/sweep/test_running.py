@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -280,6 +282,29 @@ def test_a_cluster_without_workers_is_named(sweep: Sweep, output: Path, monkeypa
         pytest.raises(ClusterNotFoundError, match="has no workers; start some with `dask worker tcp"),
     ):
         run_sweep(sweep, output, on=cluster.scheduler_address)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_lost_ends_the_sweep_and_keeps_its_rows(
+    sweep: Sweep, output: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    command = [sys.executable, "-m", "distributed.cli.dask_spec", "--spec"]
+    scheduler = {"cls": "distributed.Scheduler", "opts": {"host": "127.0.0.1", "port": 0, "dashboard": False}}
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([*command, json.dumps(scheduler)], **quiet) as process:  # type: ignore[call-overload]
+        try:
+            address = next(found[0] for line in process.stderr if (found := re.search(r"tcp://[\d.]+:\d+", line)))
+            worker = {"cls": "distributed.Worker", "opts": {"nthreads": 2, "dashboard": False}}
+            with subprocess.Popen([*command, json.dumps(worker), address], **quiet) as helper:  # type: ignore[call-overload]
+                try:
+                    with pytest.raises(ClusterError, match="the cluster is lost"):
+                        run_sweep(sweep, output, on=address, on_row=lambda done, total: process.kill())
+                finally:
+                    helper.kill()
+        finally:
+            process.kill()
+    assert journal_path(output).read_bytes().count(b"\n") >= 2
+    assert "Traceback" not in capfd.readouterr().err
 
 
 @contextmanager
