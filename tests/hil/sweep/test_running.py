@@ -60,6 +60,11 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(crews, "measure", lambda design, _: Measures(design.phase_error_deg, 0.1, 0.2, None, 3, 40.0))
 
 
+def threads() -> list[int]:
+    """Of each library for linear algebra in this process."""
+    return [library["num_threads"] for library in threadpool_info()]
+
+
 def alone(sweep: Sweep, output: Path) -> bytes:
     """The bytes of one row after the other."""
     run_sweep(sweep, output, on="serial")
@@ -69,7 +74,10 @@ def alone(sweep: Sweep, output: Path) -> bytes:
 
 
 def test_results_have_the_designs_and_their_measures(sweep: Sweep, output: Path) -> None:
-    assert run_sweep(sweep, output, on="serial") == SweepRun(0, 8, 1)
+    used: set[int] = set()
+    run = run_sweep(sweep, output, on="serial", on_row=lambda *_: used.update(threads()))
+    assert run == SweepRun(0, 8, 1)
+    assert used == {1}
     assert not journal_path(output).exists()
     results = read_results(output)
     assert list(results.columns) == [*FIELDS, *MEASURES, "problem"]
@@ -89,20 +97,20 @@ def test_threads_end_with_the_bytes_of_one_row_after_the_other_and_have_a_page(s
     expected = alone(sweep, output)
     begun: list[crews.Crew] = []
     moved: list[tuple[int, int]] = []
-    inside: list[int] = []
+    used: set[int] = set()
 
     def on_row(done: int, total: int) -> None:
         moved.append((done, total))
-        inside.extend(library["num_threads"] for library in threadpool_info())
+        used.update(threads())
 
-    before = [library["num_threads"] for library in threadpool_info()]
+    before = threads()
     variables = dict(os.environ)
     run = run_sweep(sweep, output, on="threads", workers=2, on_begin=begun.append, on_row=on_row)
     assert run == SweepRun(0, 8, 2)
     assert output.read_bytes() == expected
     assert moved == [(done, 8) for done in range(1, 9)]
-    assert set(inside) == {1}
-    assert [library["num_threads"] for library in threadpool_info()] == before
+    assert used == {1}
+    assert threads() == before
     assert dict(os.environ) == variables
     assert begun[0].link is not None
     assert begun[0].link.startswith("http://127.0.0.1:")
