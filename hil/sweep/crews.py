@@ -24,7 +24,7 @@ from ...errors import ClusterError, ClusterNotFoundError
 from ...extras import needing
 from ...solver import ControlPoints
 from .design import Design
-from .journal import Result
+from .journal import RowResult
 from .measures import measure
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class Crew(Protocol):
     link: str | None
     """The address of a page that shows the workers, if there is one."""
 
-    def measured(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Result]]:
+    def measured(self, tasks: Sequence[Task]) -> Iterator[tuple[int, RowResult]]:
         """Rows and their results, as they end.
 
         Raises
@@ -153,7 +153,7 @@ class _Alone:
     workers: int = 1
     link: str | None = None
 
-    def measured(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Result]]:
+    def measured(self, tasks: Sequence[Task]) -> Iterator[tuple[int, RowResult]]:
         """Rows and their results."""
         return map(_measured, tasks)
 
@@ -165,7 +165,7 @@ class _Dask:
         self.link, self._client = link, client
         self.workers = sum(client.nthreads().values())
 
-    def measured(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Result]]:
+    def measured(self, tasks: Sequence[Task]) -> Iterator[tuple[int, RowResult]]:
         """Rows and their results, as they end."""
         from distributed import as_completed
         from distributed.client import FutureCancelledError
@@ -267,17 +267,17 @@ def _check_versions(address: str, found: Mapping[str, Any]) -> None:
                 )
 
 
-def _measured(task: Task) -> tuple[int, Result]:
+def _measured(task: Task) -> tuple[int, RowResult]:
     """Measure a row. Whatever is wrong with it becomes its result: the others must not wait for it."""
     try:
-        return task.row, Result(measure(task.design, task.points))
+        return task.row, RowResult(measure(task.design, task.points))
     except MemoryError:  # it depends on the machine, not on the row
         raise
     except Exception as error:
-        return task.row, Result(None, f"{type(error).__name__}: {error}")
+        return task.row, RowResult(None, f"{type(error).__name__}: {error}")
 
 
-def _measured_by_worker(share: Sequence[Task]) -> list[tuple[int, Result]]:
+def _measured_by_worker(share: Sequence[Task]) -> list[tuple[int, RowResult]]:
     _take_one_thread()
     return [_measured(task) for task in share]
 

@@ -18,14 +18,14 @@ from typing import Any, NamedTuple, Self
 from ...errors import InputFileError
 from .measures import MEASURES, Measures
 
-__all__ = ["Journal", "Result", "journal_path"]
+__all__ = ["Journal", "RowResult", "journal_path"]
 
 FORMAT = "phasewire-sweep-journal-1"
 SYNC_SECONDS = 1.0
 """A power cut costs the rows of so many seconds, a kill none."""
 
 
-class Result(NamedTuple):
+class RowResult(NamedTuple):
     """The result of a row: its measures, or why there are none."""
 
     measures: Measures | None
@@ -57,7 +57,7 @@ class Journal:
         If it cannot be opened, or the disk is full.
     """
 
-    done: dict[int, Result]
+    done: dict[int, RowResult]
     """Results by the number of the row."""
 
     def __init__(self, path: Path, fingerprint: str, rows: int) -> None:
@@ -82,7 +82,7 @@ class Journal:
             self.remove()
         self._file.close()
 
-    def add(self, row: int, result: Result) -> None:
+    def add(self, row: int, result: RowResult) -> None:
         """Keep the result of a row."""
         self.done[row] = result
         measures = None if result.measures is None else list(vars(result.measures).values())
@@ -144,12 +144,12 @@ def _parsed(line: bytes) -> object:
         return None
 
 
-def _entry(value: Any, rows: int) -> tuple[int, Result] | None:
+def _entry(value: Any, rows: int) -> tuple[int, RowResult] | None:
     """The row and the result in a line; None if it is no such line."""
     match value:
         case [int(row), None, str(problem)] if 0 <= row < rows:
-            return row, Result(None, problem)
+            return row, RowResult(None, problem)
         case [int(row), [*numbers], None] if 0 <= row < rows and len(numbers) == len(MEASURES):
             if all(isinstance(number, (int, float, type(None))) for number in numbers):
-                return row, Result(Measures(*numbers))
+                return row, RowResult(Measures(*numbers))
     return None

@@ -14,7 +14,7 @@ from ...protocol.pulses import Pulses
 from ...solver import ControlPoints, Medium, Modulation, Resonator, TransducerArray, focus_report, solve
 from .design import PULSES, Design
 
-__all__ = ["MEASURES", "MEASURE_UNITS", "Emission", "Measures", "emitted", "measure"]
+__all__ = ["MEASURES", "MEASURE_UNITS", "BuiltArray", "Measures", "emitted", "measure"]
 
 EARS = SEATED.index("nose")
 """The places of `seated` before the nose."""
@@ -60,7 +60,7 @@ MEASURE_UNITS = {"strength_pa": "Pa", "least_pa": "Pa", "lobe_db": "dB", "audibl
 
 
 @dataclass(frozen=True, eq=False)
-class Emission:
+class BuiltArray:
     """What is built, and what it emits.
 
     Parameters
@@ -78,7 +78,7 @@ class Emission:
     drive: NDArray[np.complex128]
 
 
-def emitted(design: Design, points: ControlPoints) -> Emission:
+def emitted(design: Design, points: ControlPoints) -> BuiltArray:
     """Solve for a design without its errors, and build it with them.
 
     Raises
@@ -93,7 +93,7 @@ def emitted(design: Design, points: ControlPoints) -> Emission:
     gain = 10 ** (design.gain_error_db / 20 * _errors(design, GAINS, len(intended)))
     turn = np.deg2rad(design.phase_error_deg) * _errors(design, PHASES, len(intended))
     built = TransducerArray(moved, intended.normals, intended.transducer, gain * np.exp(1j * turn))
-    return Emission(built, Medium(design.temperature_c), drive)
+    return BuiltArray(built, Medium(design.temperature_c), drive)
 
 
 def _errors(design: Design, stream: int, shape: int | tuple[int, int]) -> NDArray[np.float64]:
@@ -142,7 +142,7 @@ def measure(design: Design, points: ControlPoints) -> Measures:
     )
 
 
-def _heard(design: Design, emission: Emission) -> float | None:
+def _heard(design: Design, emission: BuiltArray) -> float | None:
     """The A-weighted level at the louder ear, if the drive is modulated by a sine."""
     from ..emission_kernels import ring_up  # importing numba takes half a second
 

@@ -14,7 +14,7 @@ from ...extras import needing
 from ...storage import FilePath, open_plain, replacing
 from .design import FIELDS, UNITS
 from .files import MOST_ROWS, Sweep
-from .journal import Result
+from .journal import RowResult
 from .measures import MEASURE_UNITS, MEASURES
 
 __all__ = ["PROBLEM", "Results", "read_results", "write_results"]
@@ -53,7 +53,7 @@ class Results(NamedTuple):
         return np.array([np.nan if value is None else value for value in self.columns[name]], np.float64)
 
 
-def write_results(path: FilePath, sweep: Sweep, done: Mapping[int, Result], fingerprint: str) -> None:
+def write_results(path: FilePath, sweep: Sweep, done: Mapping[int, RowResult], fingerprint: str) -> None:
     """Write the results of all rows to a Parquet file, completely or not at all.
 
     Raises

@@ -102,7 +102,7 @@ def _sealed(data: bytes) -> bytes:
 
 
 def toml(data: bytes) -> None:
-    """All files in TOML: defaults of options, scenarios, profiles, known failures, poses of trackers, arrays, rigs, sweeps."""
+    """All files in TOML: defaults of options, scenarios, profiles, known failures, poses, arrays, rigs, sweeps."""
     for read in (
         read_scenario,
         read_profile,

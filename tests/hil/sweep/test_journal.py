@@ -10,22 +10,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from phasewire.errors import InputFileError
-from phasewire.hil.sweep.journal import Journal, Result, journal_path
+from phasewire.hil.sweep.journal import Journal, RowResult, journal_path
 from phasewire.hil.sweep.measures import Measures
 
 ROWS = 9
 NUMBERS = st.floats(allow_nan=False)
 RESULTS = st.builds(
-    Result,
+    RowResult,
     st.builds(Measures, NUMBERS, NUMBERS, NUMBERS, st.none() | NUMBERS, st.integers(0, 2**40), st.none() | NUMBERS),
     st.none(),
-) | st.builds(Result, st.none(), st.text())
+) | st.builds(RowResult, st.none(), st.text())
 
 
 @settings(max_examples=25)
 @given(done=st.dictionaries(st.integers(0, ROWS - 1), RESULTS, min_size=1), data=st.data())
 def test_a_journal_that_is_cut_anywhere_keeps_every_whole_row_and_goes_on(
-    done: dict[int, Result], data: st.DataObject
+    done: dict[int, RowResult], data: st.DataObject
 ) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "r.unfinished"
@@ -48,15 +48,15 @@ def test_a_journal_that_is_cut_anywhere_keeps_every_whole_row_and_goes_on(
 
 def test_a_header_that_was_cut_begins_anew(tmp_path: Path) -> None:
     with Journal(tmp_path / "j", "abc", ROWS) as journal:
-        journal.add(0, Result(None, "why"))
+        journal.add(0, RowResult(None, "why"))
     header = (tmp_path / "j").read_bytes().partition(b"\n")[0]
     for cut in (0, 1, len(header)):
         (tmp_path / "j").write_bytes(header[:cut])
         with Journal(tmp_path / "j", "abc", ROWS) as journal:
             assert journal.done == {}
-            journal.add(3, Result(None, "why"))
+            journal.add(3, RowResult(None, "why"))
         with Journal(tmp_path / "j", "abc", ROWS) as journal:
-            assert journal.done == {3: Result(None, "why")}
+            assert journal.done == {3: RowResult(None, "why")}
 
 
 def test_a_journal_without_rows_does_not_stay(tmp_path: Path) -> None:
@@ -76,14 +76,14 @@ def test_a_file_that_is_no_journal_is_refused_and_left_alone(content: bytes, tmp
 @pytest.mark.parametrize(("fingerprint", "rows"), [("abd", ROWS), ("abc", ROWS + 1)])
 def test_a_journal_of_another_sweep_is_refused(fingerprint: str, rows: int, tmp_path: Path) -> None:
     with Journal(tmp_path / "j", "abc", ROWS) as journal:
-        journal.add(0, Result(None, "why"))
+        journal.add(0, RowResult(None, "why"))
     with pytest.raises(InputFileError, match=r"is not of this sweep.*; delete it, or name another output"):
         Journal(tmp_path / "j", fingerprint, rows)
 
 
 def test_two_runs_cannot_write_one_journal(tmp_path: Path) -> None:
     with Journal(tmp_path / "j", "abc", ROWS) as journal:
-        journal.add(0, Result(None, "why"))
+        journal.add(0, RowResult(None, "why"))
         with pytest.raises(InputFileError, match="is in use by another run; wait until it has ended"):
             Journal(tmp_path / "j", "abc", ROWS)
     with Journal(tmp_path / "j", "abc", ROWS) as journal:
@@ -102,5 +102,5 @@ def test_it_is_named_after_its_output_and_can_be_read_by_people(tmp_path: Path) 
     path = journal_path(tmp_path / "r.parquet")
     assert path == tmp_path / "r.parquet.unfinished"
     with Journal(path, "abc", ROWS) as journal:
-        journal.add(2, Result(Measures(1.5, 1.0, 0.1, None, 3, 40.0)))
+        journal.add(2, RowResult(Measures(1.5, 1.0, 0.1, None, 3, 40.0)))
     assert json.loads(path.read_text().splitlines()[1]) == [2, [1.5, 1.0, 0.1, None, 3, 40.0], None]
