@@ -33,7 +33,7 @@ RESPONSE, INVERSE, WANTED, AIM, RHS, SOLUTION, FELT = (0, 0), (0, 1), (1, 0), 2,
 """In `Parts.vectors`: the response of (9), 1/diag(L), and the amplitudes, the largest of which is 1; and, complex, the
 wanted pressure, its copy that `substitute` uses up, the y that this finds, and the pressure that `reproduce` finds."""
 
-REACH, WEIGHT, DRIVE, UNWEIGHED = (0, 0), (0, 1), 1, 2
+REACH, WEIGHT, DRIVE, UNWEIGHED, SEARCH, TURN = (0, 0), (0, 1), 1, 2, 3, 4
 """In `Parts.spans`: reach and weight as in `weigh`; and, complex, the drive and scratch of `reproduce`."""
 
 SOLVED, PHASE, LIMITED = range(3)
@@ -522,6 +522,7 @@ class Parts(NamedTuple):
     lower_im: Any
     vectors: Any
     spans: Any
+    slopes: Any
 
 
 @_jitable
@@ -556,18 +557,20 @@ def carve(work: Any, m: int, columns: int) -> Parts:
     at += square
     vectors = work[at : at + 12 * padded].reshape(6, 2, padded)
     at += 12 * padded
-    spans = work[at : at + 6 * columns].reshape(3, 2, columns)
-    return Parts(re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans)
+    spans = work[at : at + 10 * columns].reshape(5, 2, columns)
+    at += 10 * columns
+    slopes = work[at : at + 2 * big].reshape(2 * rows, columns)
+    return Parts(re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans, slopes)
 
 
 def work_size(m: int, columns: int) -> int:
-    """Length of the work space of m points, in float32: B, G and L once each, and some vectors.
+    """Length of the work space of m points, in float32: B, the slopes, G and L once each, and some vectors.
 
-    1024 points and 16 384 transducers need 152 MB, most of it for B.
+    1024 points and 16 384 transducers need 286 MB: 134 for B, and as much for slopes, of which half are those of nulls.
     """
     rows = -(-m // ROWS) * ROWS
     padded = pad(rows)
-    return 2 * rows * columns + 4 * padded * padded + 12 * padded + 6 * columns
+    return 4 * rows * columns + 4 * padded * padded + 12 * padded + 10 * columns
 
 
 @_part
@@ -697,14 +700,94 @@ def more_phases(m: int, columns: int, steps: int, power: bool, u: Any, work: Any
 
 
 @_part
-def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
+def differentiate(re: Any, im: Any, v: Any, wanted: Any, m: int, felt: Any, row: Any, slopes: Any) -> int:
+    """Write p = B·v into ``felt``, and how |p| depends on the phases of v into ``slopes``; returns the number of rows.
+
+    After the rows of all points come those of the nulls, for p at right angles to what it is: of a null both must be 0.
+    ``row``, (2, columns), is scratch. Rows are padded with zeros to a multiple of `ROWS`.
+    """
+    columns = re.shape[1]
+    count = m
+    for i in range(m):
+        sum_re, sum_im = spread(F(0)), spread(F(0))
+        for q in range(0, columns, LANES):
+            a, b, c, d = load(re, i, q), load(im, i, q), load(v, 0, q), load(v, 1, q)
+            wave_re, wave_im = a * c - b * d, a * d + b * c
+            store(row, 0, q, wave_re)
+            store(row, 1, q, wave_im)
+            sum_re, sum_im = sum_re + wave_re, sum_im + wave_im
+        p_re, p_im = total(sum_re), total(sum_im)
+        felt[0, i], felt[1, i] = p_re, p_im
+        inverse = F(1) / np.sqrt(p_re * p_re + p_im * p_im + TINY)
+        u_re, u_im = spread(p_re * inverse), spread(p_im * inverse)
+        for q in range(0, columns, LANES):
+            store(slopes, i, q, u_im * load(row, 0, q) - u_re * load(row, 1, q))
+        if wanted[i] == F(0):
+            for q in range(0, columns, LANES):
+                store(slopes, count, q, u_re * load(row, 0, q) + u_im * load(row, 1, q))
+            count += 1
+    padded = (count + ROWS - 1) // ROWS * ROWS
+    for i in range(count, padded):
+        for q in range(columns):
+            slopes[i, q] = F(0)
+    return padded
+
+
+@_part
+def find_turns(slopes: Any, rows: int, iterations: int, residual: Any, image: Any, search: Any, turn: Any) -> None:
+    """Phases ``turn[0]`` by which slopes·turn comes near the residual: conjugate gradients on the least squares.
+
+    They begin at 0, so that after few iterations the directions that hardly change a pressure have hardly been used.
+    ``residual``, which is used up, and ``image`` have a number for each row; ``search``, (2, columns), is scratch.
+    """
+    columns = slopes.shape[1]
+    before = F(0)
+    for q in range(columns):
+        turn[0, q] = search[0, q] = F(0)
+    for _ in range(iterations):
+        square = spread(F(0))
+        for q in range(0, columns, LANES):
+            even, odd = spread(F(0)), spread(F(0))
+            for i in range(0, rows, 2):
+                even = even + load(slopes, i, q) * spread(residual[i])
+                odd = odd + load(slopes, i + 1, q) * spread(residual[i + 1])
+            even = even + odd
+            store(search, 1, q, even)
+            square = square + even * even
+        gradient2 = total(square)
+        ratio = spread(gradient2 / before if before > F(0) else F(0))
+        before = gradient2
+        for q in range(0, columns, LANES):
+            store(search, 0, q, load(search, 1, q) + ratio * load(search, 0, q))
+        length2 = F(0)
+        for i in range(0, rows, ROWS):
+            a, b, c, d = spread(F(0)), spread(F(0)), spread(F(0)), spread(F(0))
+            for q in range(0, columns, LANES):
+                s = load(search, 0, q)
+                a, b = a + load(slopes, i, q) * s, b + load(slopes, i + 1, q) * s
+                c, d = c + load(slopes, i + 2, q) * s, d + load(slopes, i + 3, q) * s
+            image[i], image[i + 1], image[i + 2], image[i + 3] = total(a), total(b), total(c), total(d)
+            for k in range(i, i + 4):
+                length2 += image[k] * image[k]
+        step = gradient2 / (length2 + TINY)
+        for i in range(rows):
+            residual[i] -= step * image[i]
+        part = spread(step)
+        for q in range(0, columns, LANES):
+            store(turn, 0, q, load(turn, 0, q) + part * load(search, 0, q))
+
+
+@_part
+def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int, steps: int,
             work: Any, drive: Any) -> None:  # fmt: skip
-    """Solve for the drive with the phases u, and correct it ``steps`` times; the best iterate is kept."""
-    re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = carve(work, m, elements.shape[1])
-    inverse, wanted, b, rhs = vectors[INVERSE], vectors[WANTED], vectors[AIM], vectors[RHS]
-    y, p, weight, x, v = vectors[SOLUTION], vectors[FELT], spans[WEIGHT], spans[DRIVE], spans[UNWEIGHED]
-    rows = len(re)
-    factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse)
+    """Solve for the drive with the phases u, and correct its phases in at most ``steps`` steps; the best is kept."""
+    parts = carve(work, m, elements.shape[1])
+    re, im, vectors, spans = parts.re, parts.im, parts.vectors, parts.spans
+    inverse, wanted, b, y, p = vectors[INVERSE], vectors[WANTED], vectors[AIM], vectors[SOLUTION], vectors[FELT]
+    weight, x, v, search, turn = spans[WEIGHT], spans[DRIVE], spans[UNWEIGHED], spans[SEARCH], spans[TURN]
+    columns = len(weight)
+    residual, image = vectors[AIM].reshape(2 * b.shape[1]), vectors[RHS].reshape(2 * b.shape[1])
+    factorise(parts.gram_re, parts.gram_im, m, len(re), mu, parts.lower_re, parts.lower_im, inverse)
     for i in range(b.shape[1]):
         b[0, i] = b[1, i] = F(0)
     norm = F(0)
@@ -712,44 +795,56 @@ def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, 
         scale = wanted[i] / np.sqrt(u[0, i] * u[0, i] + u[1, i] * u[1, i] + TINY)
         b[0, i], b[1, i] = scale * u[0, i], scale * u[1, i]
         norm += wanted[i] * wanted[i]
+    substitute(parts.lower_re, parts.lower_im, inverse, len(re), b, y)
+    back_project(re, im, weight, y, x)
+    limit_drive(x, elements[LIMIT], output, headroom)
+    for q in range(len(drive)):
+        drive[q] = complex(x[0, q], x[1, q])
+    if steps == 0:
+        return
+    for q in range(columns):
+        scale = F(1) / weight[q] if weight[q] > F(0) else F(0)
+        v[0, q], v[1, q] = x[0, q] * scale, x[1, q] * scale
     best = F(1e30)
-    for _ in range(steps + 1):
-        for i in range(b.shape[1]):
-            rhs[0, i], rhs[1, i] = b[0, i], b[1, i]
-        substitute(lower_re, lower_im, inverse, rows, rhs, y)
-        back_project(re, im, weight, y, x)
-        limit_drive(x, elements[LIMIT], output, headroom)
-        if steps > 0:
-            reproduce(re, im, weight, x, v, p)
-            fit = F(0)
-            for i in range(m):
-                fit += wanted[i] * np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
-            if not fit > TINY:
-                if best == F(1e30):  # even silence is better than nothing
-                    for q in range(len(drive)):
-                        drive[q] = complex(x[0, q], x[1, q])
-                break
-            fit /= norm
-            error = F(0)
-            for i in range(m):
-                size = np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
-                error += (size - fit * wanted[i]) ** 2
-                pull = relaxation * (wanted[i] / (size + TINY) - F(1) / fit)
-                b[0, i] += pull * p[0, i]
-                b[1, i] += pull * p[1, i]
-            error = np.sqrt(error / F(m)) / fit
-            if error >= best:
-                continue
+    for step in range(steps + 1):
+        rows = differentiate(re, im, v, wanted, m, p, x, parts.slopes)
+        fit = F(0)
+        for i in range(m):
+            fit += wanted[i] * np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
+        fit /= norm
+        if not fit > TINY:
+            break
+        error = F(0)
+        for i in range(rows):
+            residual[i] = F(0)
+        for i in range(m):
+            residual[i] = wanted[i] - np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i]) / fit
+            error += residual[i] * residual[i]
+        error = np.sqrt(error / F(m))
+        if error < best:
             best = error
-        for q in range(len(drive)):
-            drive[q] = complex(x[0, q], x[1, q])
+            if step > 0:
+                limit = elements[LIMIT]
+                for q in range(len(drive)):
+                    x_re, x_im = v[0, q] * weight[q], v[1, q] * weight[q]
+                    scale = min(F(1), BELOW * limit[q] / np.sqrt(x_re * x_re + x_im * x_im + TINY))
+                    drive[q] = complex(x_re * scale, x_im * scale)
+        if error < tolerance or step == steps:
+            break
+        find_turns(parts.slopes, rows, gradients, residual, image, search, turn)
+        half = F(0.5) * fit
+        for q in range(columns):
+            t = half * turn[0, q]
+            scale = F(1) / (F(1) + t * t)
+            c, s = scale * (F(1) - t * t), scale * (t + t)
+            v[0, q], v[1, q] = c * v[0, q] - s * v[1, q], c * v[1, q] + s * v[0, q]
 
 
 @_kernel
-def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
+def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int, steps: int,
            work: Any, drive: Any) -> None:  # fmt: skip
     """Solve for the drive with the phases u, and correct it; see `_finish`."""
-    _finish(elements, m, u, mu, output, headroom, relaxation, steps, work, drive)
+    _finish(elements, m, u, mu, output, headroom, tolerance, gradients, steps, work, drive)
 
 
 @_part
@@ -785,7 +880,8 @@ def level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
 def update_frames(
     elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
     points: Any, amplitudes: Any, begins: Any, first: int, stride: int, gamma: Any, phase_steps: int, power: bool,
-    cold: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int, work: Any, u: Any, drives: Any,
+    cold: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int, steps: int,
+    work: Any, u: Any, drives: Any,
 ) -> int:  # fmt: skip
     """Every ``stride``-th frame from ``first`` on, each from a cold start, without Python in between.
 
@@ -809,8 +905,8 @@ def update_frames(
         if found >= 0 and suspect < 0:
             suspect = f
         _begin(m, columns, gamma, phase_steps, power, phases, work)
-        _finish(elements=elements, m=m, u=phases, mu=mu, output=output, headroom=headroom, relaxation=relaxation,
-                steps=steps, work=work, drive=drives[f])  # fmt: skip
+        _finish(elements=elements, m=m, u=phases, mu=mu, output=output, headroom=headroom, tolerance=tolerance,
+                gradients=gradients, steps=steps, work=work, drive=drives[f])  # fmt: skip
     return suspect
 
 

@@ -7,12 +7,13 @@ from numbers import Integral, Real
 from typing import Literal, get_args
 
 __all__ = [
+    "GRADIENTS",
     "HEADROOM",
     "LEAST_GAIN",
     "LEAST_MU",
     "NUDGE",
     "PHASE_LEVELS",
-    "RELAXATION",
+    "TOLERANCE",
     "Options",
     "Output",
     "Phases",
@@ -24,8 +25,11 @@ Phases = Literal["unit", "power"]
 HEADROOM = 2.0
 """How far above the limits ``limited`` output raises the root mean square of the drives before it cuts them off."""
 
-RELAXATION = 0.5
-"""Part of the missing pressure that a correction of ``wgs`` adds: 1 oscillates if outputs are phase-only."""
+TOLERANCE = 5e-4
+"""Misfit of the amplitudes, to the largest, at which ``wgs`` has no further step: a board emits them a tenth as even."""
+
+GRADIENTS = 4
+"""Conjugate gradients in a step of ``wgs``: more would use directions that cost strength and hardly change the misfit."""
 
 NUDGE = 0.05
 """Part of the cold start in a warm one: without it, phases that are symmetric on a symmetric shape would stay so."""
@@ -61,7 +65,8 @@ class Options:
     phase_seconds : float, optional
         Time after which no further iteration begins. With it, results depend on the speed of the machine.
     steps : int
-        Weighted Gerchberg–Saxton steps.
+        Most Gauss–Newton steps over the phases of the drives. Fewer are taken if the amplitudes are even to half a per
+        mille.
     sweeps : int
         Passes of the coordinate descent over all transducers.
     levels : int
