@@ -700,151 +700,159 @@ def more_phases(m: int, columns: int, steps: int, power: bool, u: Any, work: Any
 
 
 @_part
-def differentiate(re: Any, im: Any, v: Any, wanted: Any, m: int, felt: Any, row: Any, slopes: Any) -> int:
-    """Write p = B·v into ``felt``, and how |p| depends on the phases of v into ``slopes``; returns the number of rows.
+def differentiate(re: Any, im: Any, v: Any, p: Any, wanted: Any, m: int, slopes: Any) -> int:
+    """Write how |p|, p = B·v, changes if an entry of v turns, a row for each point; returns the number of rows.
 
-    After the rows of all points come those of the nulls, for p at right angles to what it is: of a null both must be 0.
-    ``row``, (2, columns), is scratch. Rows are padded with zeros to a multiple of `ROWS`.
+    A null has a second row, for p at right angles to what it is, after the rows of all points. Rows are padded with
+    zeros to a multiple of `ROWS`.
     """
     columns = re.shape[1]
-    count = m
+    rows = m
     for i in range(m):
-        sum_re, sum_im = spread(F(0)), spread(F(0))
+        size2 = p[0, i] * p[0, i] + p[1, i] * p[1, i]
+        inverse = F(1) / np.sqrt(size2 + TINY)
+        c, s = spread(p[0, i] * inverse), spread(p[1, i] * inverse)
         for q in range(0, columns, LANES):
-            a, b, c, d = load(re, i, q), load(im, i, q), load(v, 0, q), load(v, 1, q)
-            wave_re, wave_im = a * c - b * d, a * d + b * c
-            store(row, 0, q, wave_re)
-            store(row, 1, q, wave_im)
-            sum_re, sum_im = sum_re + wave_re, sum_im + wave_im
-        p_re, p_im = total(sum_re), total(sum_im)
-        felt[0, i], felt[1, i] = p_re, p_im
-        inverse = F(1) / np.sqrt(p_re * p_re + p_im * p_im + TINY)
-        u_re, u_im = spread(p_re * inverse), spread(p_im * inverse)
-        for q in range(0, columns, LANES):
-            store(slopes, i, q, u_im * load(row, 0, q) - u_re * load(row, 1, q))
+            v_re, v_im = load(v, 0, q), load(v, 1, q)
+            store(slopes, i, q, load(re, i, q) * (s * v_re - c * v_im) - load(im, i, q) * (c * v_re + s * v_im))
         if wanted[i] == F(0):
             for q in range(0, columns, LANES):
-                store(slopes, count, q, u_re * load(row, 0, q) + u_im * load(row, 1, q))
-            count += 1
-    padded = (count + ROWS - 1) // ROWS * ROWS
-    for i in range(count, padded):
+                v_re, v_im = load(v, 0, q), load(v, 1, q)
+                store(slopes, rows, q, load(re, i, q) * (c * v_re + s * v_im) + load(im, i, q) * (s * v_re - c * v_im))
+            rows += 1
+    padded = (rows + ROWS - 1) // ROWS * ROWS
+    for i in range(rows, padded):
         for q in range(columns):
             slopes[i, q] = F(0)
     return padded
 
 
 @_part
-def find_turns(slopes: Any, rows: int, iterations: int, residual: Any, image: Any, search: Any, turn: Any) -> None:
-    """Phases ``turn[0]`` by which slopes·turn comes near the residual: conjugate gradients on the least squares.
+def find_turns(
+    slopes: Any, rows: int, wanted: Any, m: int, iterations: int, flat: Any,
+    residual: Any, image: Any, search: Any, turn: Any,
+) -> None:  # fmt: skip
+    """Phases ``turn[0]`` for which slopes·turn comes near the residual, but for a part of ``wanted``.
 
-    They begin at 0, so that after few iterations the directions that hardly change a pressure have hardly been used.
-    ``residual``, which is used up, and ``image`` have a number for each row; ``search``, (2, columns), is scratch.
+    By conjugate gradients, as `reference.conjugate_gradients`. ``residual``, which is used up, and ``image`` have a
+    number for each row; ``search`` and the rest of ``turn`` are scratch.
     """
     columns = slopes.shape[1]
-    before = F(0)
+    first, before, norm = F(0), F(0), F(0)
+    for i in range(m):
+        norm += wanted[i] * wanted[i]
     for q in range(columns):
         turn[0, q] = search[0, q] = F(0)
-    for _ in range(iterations):
-        square = spread(F(0))
-        for q in range(0, columns, LANES):
-            even, odd = spread(F(0)), spread(F(0))
-            for i in range(0, rows, 2):
-                even = even + load(slopes, i, q) * spread(residual[i])
-                odd = odd + load(slopes, i + 1, q) * spread(residual[i + 1])
-            even = even + odd
-            store(search, 1, q, even)
-            square = square + even * even
-        gradient2 = total(square)
-        ratio = spread(gradient2 / before if before > F(0) else F(0))
-        before = gradient2
-        for q in range(0, columns, LANES):
-            store(search, 0, q, load(search, 1, q) + ratio * load(search, 0, q))
-        length2 = F(0)
+    for iteration in range(iterations):
+        for q in range(columns):
+            search[1, q] = F(0)
         for i in range(0, rows, ROWS):
-            a, b, c, d = spread(F(0)), spread(F(0)), spread(F(0)), spread(F(0))
+            a, b, c, d = spread(residual[i]), spread(residual[i + 1]), spread(residual[i + 2]), spread(residual[i + 3])
             for q in range(0, columns, LANES):
-                s = load(search, 0, q)
-                a, b = a + load(slopes, i, q) * s, b + load(slopes, i + 1, q) * s
-                c, d = c + load(slopes, i + 2, q) * s, d + load(slopes, i + 3, q) * s
+                two = load(slopes, i, q) * a + load(slopes, i + 1, q) * b
+                four = two + (load(slopes, i + 2, q) * c + load(slopes, i + 3, q) * d)
+                store(search, 1, q, load(search, 1, q) + four)
+        gradient2 = F(0)
+        for q in range(columns):
+            gradient2 += search[1, q] * search[1, q]
+        if iteration == 0:
+            first = gradient2
+        elif gradient2 <= flat * flat * first:
+            break
+        ratio = gradient2 / before if iteration > 0 else F(0)
+        before = gradient2
+        for q in range(columns):
+            search[0, q] = search[1, q] + ratio * search[0, q]
+        for i in range(0, rows, ROWS):
+            a = b = c = d = spread(F(0))
+            for q in range(0, columns, LANES):
+                along = load(search, 0, q)
+                a, b = a + load(slopes, i, q) * along, b + load(slopes, i + 1, q) * along
+                c, d = c + load(slopes, i + 2, q) * along, d + load(slopes, i + 3, q) * along
             image[i], image[i + 1], image[i + 2], image[i + 3] = total(a), total(b), total(c), total(d)
-            for k in range(i, i + 4):
-                length2 += image[k] * image[k]
-        step = gradient2 / (length2 + TINY)
+        level = image2 = F(0)
+        for i in range(m):
+            level += wanted[i] * image[i] / norm
+        for i in range(m):
+            image[i] -= level * wanted[i]
         for i in range(rows):
-            residual[i] -= step * image[i]
-        part = spread(step)
-        for q in range(0, columns, LANES):
-            store(turn, 0, q, load(turn, 0, q) + part * load(search, 0, q))
+            image2 += image[i] * image[i]
+        length = gradient2 / (image2 + TINY)
+        for i in range(rows):
+            residual[i] -= length * image[i]
+        for q in range(columns):
+            turn[0, q] += length * search[0, q]
 
 
 @_part
-def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int, steps: int,
-            work: Any, drive: Any) -> None:  # fmt: skip
-    """Solve for the drive with the phases u, and correct its phases in at most ``steps`` steps; the best is kept."""
-    parts = carve(work, m, elements.shape[1])
-    re, im, vectors, spans = parts.re, parts.im, parts.vectors, parts.spans
-    inverse, wanted, b, y, p = vectors[INVERSE], vectors[WANTED], vectors[AIM], vectors[SOLUTION], vectors[FELT]
-    weight, x, v, search, turn = spans[WEIGHT], spans[DRIVE], spans[UNWEIGHED], spans[SEARCH], spans[TURN]
-    columns = len(weight)
-    residual, image = vectors[AIM].reshape(2 * b.shape[1]), vectors[RHS].reshape(2 * b.shape[1])
-    factorise(parts.gram_re, parts.gram_im, m, len(re), mu, parts.lower_re, parts.lower_im, inverse)
-    for i in range(b.shape[1]):
-        b[0, i] = b[1, i] = F(0)
-    norm = F(0)
-    for i in range(m):
-        scale = wanted[i] / np.sqrt(u[0, i] * u[0, i] + u[1, i] * u[1, i] + TINY)
-        b[0, i], b[1, i] = scale * u[0, i], scale * u[1, i]
-        norm += wanted[i] * wanted[i]
-    substitute(parts.lower_re, parts.lower_im, inverse, len(re), b, y)
-    back_project(re, im, weight, y, x)
-    limit_drive(x, elements[LIMIT], output, headroom)
-    for q in range(len(drive)):
-        drive[q] = complex(x[0, q], x[1, q])
-    if steps == 0:
-        return
-    for q in range(columns):
-        scale = F(1) / weight[q] if weight[q] > F(0) else F(0)
-        v[0, q], v[1, q] = x[0, q] * scale, x[1, q] * scale
+def _correct(m: int, tolerance: Any, gradients: int, flat: Any, steps: int, limit: Any, parts: Parts,
+             drive: Any) -> None:  # fmt: skip
+    """Turn the phases of the drive until the pressures are even, in at most ``steps`` steps; the best one is kept."""
+    vectors, spans = parts.vectors, parts.spans
+    wanted, p, x, v = vectors[WANTED], vectors[FELT], spans[DRIVE], spans[UNWEIGHED]
+    residual, image = vectors[AIM].reshape(vectors[AIM].size), vectors[RHS].reshape(vectors[RHS].size)
     best = F(1e30)
     for step in range(steps + 1):
-        rows = differentiate(re, im, v, wanted, m, p, x, parts.slopes)
-        fit = F(0)
+        reproduce(parts.re, parts.im, spans[WEIGHT], x, v, p)
+        fit, norm, error = F(0), F(0), F(0)
         for i in range(m):
-            fit += wanted[i] * np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
+            residual[i] = np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
+            fit += wanted[i] * residual[i]
+            norm += wanted[i] * wanted[i]
         fit /= norm
         if not fit > TINY:
-            break
-        error = F(0)
-        for i in range(rows):
-            residual[i] = F(0)
+            return
         for i in range(m):
-            residual[i] = wanted[i] - np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i]) / fit
+            residual[i] = wanted[i] - residual[i] / fit
             error += residual[i] * residual[i]
         error = np.sqrt(error / F(m))
         if error < best:
             best = error
-            if step > 0:
-                limit = elements[LIMIT]
-                for q in range(len(drive)):
-                    x_re, x_im = v[0, q] * weight[q], v[1, q] * weight[q]
-                    scale = min(F(1), BELOW * limit[q] / np.sqrt(x_re * x_re + x_im * x_im + TINY))
-                    drive[q] = complex(x_re * scale, x_im * scale)
+            for q in range(len(drive)):
+                size = np.sqrt(x[0, q] * x[0, q] + x[1, q] * x[1, q]) + TINY
+                scale = min(F(1), BELOW * limit[q] / size)  # turning rounds
+                drive[q] = complex(x[0, q] * scale, x[1, q] * scale)
         if error < tolerance or step == steps:
-            break
-        find_turns(parts.slopes, rows, gradients, residual, image, search, turn)
-        half = F(0.5) * fit
-        for q in range(columns):
-            t = half * turn[0, q]
-            scale = F(1) / (F(1) + t * t)
-            c, s = scale * (F(1) - t * t), scale * (t + t)
-            v[0, q], v[1, q] = c * v[0, q] - s * v[1, q], c * v[1, q] + s * v[0, q]
+            return
+        rows = differentiate(parts.re, parts.im, v, p, wanted, m, parts.slopes)
+        for i in range(m, rows):
+            residual[i] = F(0)
+        find_turns(parts.slopes, rows, wanted, m, gradients, flat, residual, image, spans[SEARCH], spans[TURN])
+        for q in range(x.shape[1]):
+            half = F(0.5) * fit * spans[TURN][0, q]
+            scale = F(1) / (F(1) + half * half)
+            c, s = scale * (F(1) - half * half), scale * (half + half)
+            x[0, q], x[1, q] = c * x[0, q] - s * x[1, q], s * x[0, q] + c * x[1, q]
+
+
+@_part
+def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int,
+            flat: Any, steps: int, work: Any, drive: Any) -> None:  # fmt: skip
+    """Solve for the drive with the phases u, and correct it as `_correct` does."""
+    parts = carve(work, m, elements.shape[1])
+    vectors, x, limit = parts.vectors, parts.spans[DRIVE], elements[LIMIT]
+    inverse, wanted, b, y = vectors[INVERSE], vectors[WANTED], vectors[AIM], vectors[SOLUTION]
+    rows = len(parts.re)
+    factorise(parts.gram_re, parts.gram_im, m, rows, mu, parts.lower_re, parts.lower_im, inverse)
+    for i in range(b.shape[1]):
+        b[0, i] = b[1, i] = F(0)
+    for i in range(m):
+        scale = wanted[i] / np.sqrt(u[0, i] * u[0, i] + u[1, i] * u[1, i] + TINY)
+        b[0, i], b[1, i] = scale * u[0, i], scale * u[1, i]
+    substitute(parts.lower_re, parts.lower_im, inverse, rows, b, y)
+    back_project(parts.re, parts.im, parts.spans[WEIGHT], y, x)
+    limit_drive(x, limit, output, headroom)
+    for q in range(len(drive)):
+        drive[q] = complex(x[0, q], x[1, q])
+    if steps > 0:
+        _correct(m, tolerance, gradients, flat, steps, limit, parts, drive)
 
 
 @_kernel
-def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int, steps: int,
-           work: Any, drive: Any) -> None:  # fmt: skip
+def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int, flat: Any,
+           steps: int, work: Any, drive: Any) -> None:  # fmt: skip
     """Solve for the drive with the phases u, and correct it; see `_finish`."""
-    _finish(elements, m, u, mu, output, headroom, tolerance, gradients, steps, work, drive)
+    _finish(elements, m, u, mu, output, headroom, tolerance, gradients, flat, steps, work, drive)
 
 
 @_part
@@ -880,7 +888,7 @@ def level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
 def update_frames(
     elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
     points: Any, amplitudes: Any, begins: Any, first: int, stride: int, gamma: Any, phase_steps: int, power: bool,
-    cold: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int, steps: int,
+    cold: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int, flat: Any, steps: int,
     work: Any, u: Any, drives: Any,
 ) -> int:  # fmt: skip
     """Every ``stride``-th frame from ``first`` on, each from a cold start, without Python in between.
@@ -906,7 +914,7 @@ def update_frames(
             suspect = f
         _begin(m, columns, gamma, phase_steps, power, phases, work)
         _finish(elements=elements, m=m, u=phases, mu=mu, output=output, headroom=headroom, tolerance=tolerance,
-                gradients=gradients, steps=steps, work=work, drive=drives[f])  # fmt: skip
+                gradients=gradients, flat=flat, steps=steps, work=work, drive=drives[f])  # fmt: skip
     return suspect
 
 

@@ -16,7 +16,7 @@ from ..compiled.simd import LANES
 from ..geometry import frozen
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from . import paired_kernels
-from .engine import HEADROOM32, NUDGE32, OUTPUTS, TOLERANCE32, kernels_of
+from .engine import FLAT32, HEADROOM32, NUDGE32, OUTPUTS, TOLERANCE32, kernels_of
 from .options import GRADIENTS, Options
 from .paired import Pair
 from .reference import cold_start
@@ -115,6 +115,7 @@ class CompiledPair:
             headroom=HEADROOM32,
             tolerance=TOLERANCE32,
             gradients=GRADIENTS,
+            flat=FLAT32,
             steps=self._steps,
             work=self._work,
             u=self._u,

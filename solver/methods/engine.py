@@ -21,7 +21,7 @@ from ..compiled.simd import LANES
 from ..compiled.threads import THREADS
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from .methods import METHODS, Kernels
-from .options import GRADIENTS, HEADROOM, LEAST_GAIN, NUDGE, TOLERANCE, Options
+from .options import FLAT, GRADIENTS, HEADROOM, LEAST_GAIN, NUDGE, TOLERANCE, Options
 from .reference import cold_start
 from .reference_engine import drive_each
 
@@ -29,7 +29,8 @@ __all__ = ["CompiledEngine", "solves_at_once"]
 
 OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
 NO_IDS = np.empty(0, np.int64)
-HEADROOM32, NUDGE32, TOLERANCE32 = np.float32(HEADROOM), np.float32(NUDGE), np.float32(TOLERANCE)
+HEADROOM32, NUDGE32 = np.float32(HEADROOM), np.float32(NUDGE)
+TOLERANCE32, FLAT32 = np.float32(TOLERANCE), np.float32(FLAT)
 
 
 def kernels_of(method: str) -> Kernels:
@@ -121,6 +122,7 @@ class CompiledEngine:
             headroom=HEADROOM32,
             tolerance=TOLERANCE32,
             gradients=GRADIENTS,
+            flat=FLAT32,
             steps=self._steps,
             work=work,
             drive=drive,
@@ -173,6 +175,7 @@ class CompiledEngine:
             headroom=HEADROOM32,
             tolerance=TOLERANCE32,
             gradients=GRADIENTS,
+            flat=FLAT32,
             steps=self._steps,
             work=self._work,
             u=aligned(self._cold.size),

@@ -7,6 +7,7 @@ from numbers import Integral, Real
 from typing import Literal, get_args
 
 __all__ = [
+    "FLAT",
     "GRADIENTS",
     "HEADROOM",
     "LEAST_GAIN",
@@ -25,11 +26,14 @@ Phases = Literal["unit", "power"]
 HEADROOM = 2.0
 """How far above the limits ``limited`` output raises the root mean square of the drives before it cuts them off."""
 
-TOLERANCE = 5e-4
-"""Misfit of the amplitudes, to the largest, at which ``wgs`` has no further step: a board emits them a tenth as even."""
+TOLERANCE = 1e-3
+"""Misfit, to the largest amplitude, at which ``wgs`` takes no further step; a board's steps of phase leave ten times it."""
 
-GRADIENTS = 4
-"""Conjugate gradients in a step of ``wgs``: more would use directions that cost strength and hardly change the misfit."""
+GRADIENTS = 6
+"""Most conjugate gradients in a step of ``wgs``."""
+
+FLAT = 0.05
+"""Part of the first gradient at which these end: the next step has other gradients."""
 
 NUDGE = 0.05
 """Part of the cold start in a warm one: without it, phases that are symmetric on a symmetric shape would stay so."""
@@ -65,8 +69,7 @@ class Options:
     phase_seconds : float, optional
         Time after which no further iteration begins. With it, results depend on the speed of the machine.
     steps : int
-        Most Gauss–Newton steps over the phases of the drives. Fewer are taken if the amplitudes are even to half a per
-        mille.
+        Most Gauss–Newton steps over the phases of the drives. Fewer are taken if the misfit falls to a per mille.
     sweeps : int
         Passes of the coordinate descent over all transducers.
     levels : int
@@ -87,7 +90,7 @@ class Options:
     phases: Phases = "unit"
     phase_steps: int = 20
     phase_seconds: float | None = None
-    steps: int = 10
+    steps: int = 6
     sweeps: int = 2
     levels: int = PHASE_LEVELS
     output: Output | None = None

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from .options import GRADIENTS, HEADROOM, LEAST_GAIN, TOLERANCE, Output, Phases
+from .options import FLAT, GRADIENTS, HEADROOM, LEAST_GAIN, TOLERANCE, Output, Phases
 
 __all__ = [
     "Regularised",
@@ -185,15 +185,16 @@ def correct(transfer: Complex, wanted: Real, drive: Complex, steps: int) -> Comp
     drive : (n,) complex
         The drives at which it begins, within their limits; magnitudes stay.
     steps : int
-        Most steps; it ends when the `misfit` is below `TOLERANCE`.
+        Most steps; it ends if the `misfit` falls below `TOLERANCE`.
 
     Notes
     -----
-    With the drives turned by δ, |p_i| changes by Σ_q Im(p̂_i*·A_iq·x_q)·(−δ_q), p̂ = p/|p|. Of the many δ with which
-    |p| becomes proportional to ``wanted``, `conjugate_gradients` finds a small one, which keeps the pressures strong.
-    At a null the pressure at right angles to p must not change either.
+    If the drives turn by δ, |p_i| changes by −Σ_q Im(p_i*·A_iq·x_q/|p_i|)·δ_q. Of the many δ with which |p| becomes
+    proportional to ``wanted``, `conjugate_gradients` finds a small one, which keeps the pressures strong. At a null p
+    must not change at right angles either.
     """
     nulls = wanted == 0
+    proportions = np.concatenate([wanted, np.zeros(nulls.sum())])
     best, chosen = np.inf, drive
     for step in range(steps + 1):
         waves = transfer * drive
@@ -203,26 +204,33 @@ def correct(transfer: Complex, wanted: Real, drive: Complex, steps: int) -> Comp
             best, chosen = error, drive
         if error < TOLERANCE or step == steps:
             break
-        aligned = waves * np.exp(-1j * np.angle(pressure))[:, None]
+        aligned = waves * unit(pressure).conj()[:, None]
         slopes = np.concatenate([-aligned.imag, aligned.real[nulls]])
         missing = np.concatenate([scale * wanted - np.abs(pressure), np.zeros(nulls.sum())])
-        half = conjugate_gradients(slopes, missing, GRADIENTS) / 2
+        half = conjugate_gradients(slopes, missing, proportions) / 2
         drive = drive * (1 + 1j * half) / (1 - 1j * half)
     return chosen
 
 
-def conjugate_gradients(matrix: Real, target: Real, iterations: int) -> Real:
-    """A solution x of matrix·x ≈ target by least squares, after some iterations from 0.
+def conjugate_gradients(matrix: Real, target: Real, proportions: Real) -> Real:
+    """A small x for which matrix·x ≈ target + c·proportions by least squares, any c; ``target`` has none of them.
 
-    Few iterations hardly use the directions that matrix·x hardly depends on. So x stays small, as by a regularisation.
+    At most `GRADIENTS` iterations from 0 until the gradient is `FLAT`. They hardly use the directions that matrix·x
+    hardly depends on, so that no other regularisation is needed.
     """
-    solution, residual = np.zeros(matrix.shape[1]), target
-    search, before = solution, 0.0
-    for _ in range(iterations):
+    direction = proportions / np.linalg.norm(proportions)
+    solution = search = np.zeros(matrix.shape[1])
+    residual, first, before = target, 0.0, 1.0
+    for iteration in range(GRADIENTS):
         gradient = residual @ matrix
         square = float(gradient @ gradient)
-        search = gradient + (square / before if before > 0 else 0.0) * search
+        if iteration == 0:
+            first = square
+        elif square <= FLAT**2 * first:
+            break
+        search = gradient + square / before * search
         image = matrix @ search
+        image = image - (direction @ image) * direction
         length = square / max(float(image @ image), TINY)
         solution, residual, before = solution + length * search, residual - length * image, square
     return np.asarray(solution)
