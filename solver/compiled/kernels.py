@@ -30,11 +30,13 @@ X, Y, Z, NX, NY, NZ, GAIN, LEAD, LIMIT, ELEMENT_ROWS = range(10)
 """Rows of the table of transducers: position/m, normal, gain, phase of the response in turns, largest drive."""
 
 RESPONSE, INVERSE, WANTED, AIM, RHS, SOLUTION, FELT = (0, 0), (0, 1), (1, 0), 2, 3, 4, 5
-"""In `Parts.vectors`: the response of (9), 1/diag(L), and the amplitudes, the largest of which is 1; and, complex, the
-wanted pressure, its copy that `substitute` uses up, the y that this finds, and the pressure that `reproduce` finds."""
+"""In `Parts.vectors`: the response of (9), 1/diag(L), and the amplitudes, the largest of which is 1; scratch; and,
+complex, the wanted pressure, which `substitute` uses up, the y that this finds, and the pressure that `reproduce`
+finds."""
 
 REACH, WEIGHT, DRIVE, UNWEIGHED, SEARCH, TURN = (0, 0), (0, 1), 1, 2, 3, 4
-"""In `Parts.spans`: reach and weight as in `weigh`; and, complex, the drive and scratch of `reproduce`."""
+"""In `Parts.spans`: reach and weight as in `weigh`; and, complex, the drive and scratch of `reproduce` and of
+`find_turns`."""
 
 SOLVED, PHASE, LIMITED = range(3)
 """Output policies."""
@@ -512,7 +514,10 @@ def reproduce(re: Any, im: Any, weight: Any, x: Any, v: Any, p: Any) -> None:
 
 
 class Parts(NamedTuple):
-    """Views of a work space: B, G, L, vectors over points, (6, 2, padded), and over transducers, (3, 2, columns)."""
+    """Views of a work space: B, G, L, vectors over points, (6, 2, padded), and over transducers, (5, 2, columns).
+
+    ``slopes``, (2·rows of B, columns), is that of `differentiate`.
+    """
 
     re: Any
     im: Any
@@ -831,7 +836,7 @@ def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, 
     """Solve for the drive with the phases u, and correct it as `_correct` does."""
     parts = carve(work, m, elements.shape[1])
     vectors, x, limit = parts.vectors, parts.spans[DRIVE], elements[LIMIT]
-    inverse, wanted, b, y = vectors[INVERSE], vectors[WANTED], vectors[AIM], vectors[SOLUTION]
+    inverse, wanted, b, y = vectors[INVERSE], vectors[WANTED], vectors[RHS], vectors[SOLUTION]
     rows = len(parts.re)
     factorise(parts.gram_re, parts.gram_im, m, rows, mu, parts.lower_re, parts.lower_im, inverse)
     for i in range(b.shape[1]):
@@ -849,8 +854,8 @@ def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, 
 
 
 @_kernel
-def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int, flat: Any,
-           steps: int, work: Any, drive: Any) -> None:  # fmt: skip
+def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int,
+           flat: Any, steps: int, work: Any, drive: Any) -> None:  # fmt: skip
     """Solve for the drive with the phases u, and correct it; see `_finish`."""
     _finish(elements, m, u, mu, output, headroom, tolerance, gradients, flat, steps, work, drive)
 

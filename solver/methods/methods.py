@@ -57,7 +57,7 @@ class Kernels(NamedTuple):
     weighed : bool
         Whether they solve the regularised system; if not, they sum single foci.
     corrected : bool
-        Whether Gerchberg–Saxton steps follow, as many as `Options.steps` says.
+        Whether Gauss–Newton steps over the phases follow, at most `Options.steps`.
     polished : bool
         Whether a coordinate descent over phases ends it.
     """
@@ -156,7 +156,7 @@ _PHASES = ("phases", "phase_steps", "phase_seconds")
 _TIKHONOV = (*_PHASES, "gamma", "mu")
 _OWN = {
     "wgs": Method(
-        "tikhonov, then weighted Gerchberg–Saxton steps; recommended",
+        "tikhonov, then Gauss–Newton steps over the phases; recommended",
         "limited",
         (*_TIKHONOV, "steps"),
         _wgs,

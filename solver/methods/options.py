@@ -27,7 +27,7 @@ HEADROOM = 2.0
 """How far above the limits ``limited`` output raises the root mean square of the drives before it cuts them off."""
 
 TOLERANCE = 1e-3
-"""Misfit, to the largest amplitude, at which ``wgs`` takes no further step; a board's steps of phase leave ten times it."""
+"""Misfit, to the largest amplitude, at which ``wgs`` takes no further step: `PHASE_LEVELS` leave three times it."""
 
 GRADIENTS = 6
 """Most conjugate gradients in a step of ``wgs``."""
@@ -90,7 +90,7 @@ class Options:
     phases: Phases = "unit"
     phase_steps: int = 20
     phase_seconds: float | None = None
-    steps: int = 6
+    steps: int = 10
     sweeps: int = 2
     levels: int = PHASE_LEVELS
     output: Output | None = None
