@@ -70,6 +70,11 @@ def _part(function: Function) -> Function:
     return cast(Function, njit(inline="always", error_model="numpy", fastmath=FAST)(function))
 
 
+def _shared(function: Function) -> Function:
+    """For a long part, compiled once for all kernels of a process, which call it."""
+    return cast(Function, njit(error_model="numpy", fastmath=FAST)(function))
+
+
 def _jitable(function: Function) -> Function:
     """For what kernels and Python both call."""
     jitable: Function = register_jitable(inline="always")(function)
@@ -789,10 +794,11 @@ def find_turns(
             turn[0, q] += length * search[0, q]
 
 
-@_part
-def _correct(m: int, tolerance: Any, gradients: int, flat: Any, steps: int, limit: Any, parts: Parts,
+@_shared
+def _correct(m: int, tolerance: Any, gradients: int, flat: Any, steps: int, limit: Any, work: Any,
              drive: Any) -> None:  # fmt: skip
     """Turn the phases of the drive until the pressures are even, in at most ``steps`` steps; the best one is kept."""
+    parts = carve(work, m, len(limit))
     vectors, spans = parts.vectors, parts.spans
     wanted, p, x, v = vectors[WANTED], vectors[FELT], spans[DRIVE], spans[UNWEIGHED]
     residual, image = vectors[AIM].reshape(vectors[AIM].size), vectors[RHS].reshape(vectors[RHS].size)
@@ -850,7 +856,7 @@ def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, 
     for q in range(len(drive)):
         drive[q] = complex(x[0, q], x[1, q])
     if steps > 0:
-        _correct(m, tolerance, gradients, flat, steps, limit, parts, drive)
+        _correct(m, tolerance, gradients, flat, steps, limit, work, drive)
 
 
 @_kernel
