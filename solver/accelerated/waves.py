@@ -1,0 +1,138 @@
+"""The waves of all transducers at many points, and their sum, in JAX: what the compiled kernels do, in float32.
+
+Each function does what a readable complex128 function of `acoustics.propagation` does, and is tested against it on
+JAX's CPU device.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, Device
+from numpy.typing import NDArray
+
+from ..compiled import kernels
+
+__all__ = ["PAIRS_AT_A_TIME", "Waves", "power_of_two", "response", "sum_pressure", "waves"]
+
+PAIRS_AT_A_TIME = 2**26
+"""Of points and transducers: 512 MiB if a device kept each wave, which XLA's fusion avoids."""
+
+SINE = (kernels.S0, kernels.S1, kernels.S2, kernels.S3, kernels.S4, kernels.S5)
+COSINE = (kernels.C0, kernels.C1, kernels.C2, kernels.C3, kernels.C4, kernels.C5, kernels.C6)
+
+
+class Waves(NamedTuple):
+    """An array in its medium: the first fields of `acoustics.tables.ArrayTables`, which says what they are."""
+
+    elements: Any
+    wave: Any
+    turns: Any
+    nepers: Any
+
+
+def waves(array: Waves, at: Array) -> Array:
+    """Residual·e^{(ik−α)r}/r of each transducer at points.
+
+    Parameters
+    ----------
+    array : Waves
+        n transducers.
+    at : (..., 3) float32
+        In metres, relative to the tables' origin.
+
+    Returns
+    -------
+    (..., n) complex64
+        0 behind a transducer's baffle.
+    """
+    elements = array.elements
+    dx, dy, dz = (at[..., axis, None] - elements[row] for axis, row in enumerate((kernels.X, kernels.Y, kernels.Z)))
+    r = jnp.sqrt(dx * dx + dy * dy + dz * dz + kernels.TINY)
+    inverse = 1 / r
+    cosine = (dx * elements[kernels.NX] + dy * elements[kernels.NY] + dz * elements[kernels.NZ]) * inverse
+    amplitude = jnp.where(cosine > 0, inverse, 0)
+    if array.nepers is not None:
+        amplitude *= jnp.exp(-array.nepers * r)
+    if len(array.wave) == 1:
+        amplitude *= _polynomial(array.wave[0], 1 - cosine * cosine)
+        return amplitude * _turned(array.turns * r)
+    table, nearest, cosines, growth = array.wave
+    amplitude *= jnp.where(cosines == 1, cosine, 1) * jnp.where(growth > 0, growth * jnp.sqrt(r), 1)
+    return amplitude * _looked_up(table, 1 - cosine * cosine, nearest * inverse) * _turned(array.turns * r)
+
+
+def response(array: Waves) -> Array:
+    """The (n,) complex64 responses of the transducers, polarity included; 0 for dead ones."""
+    return jnp.asarray(array.elements[kernels.GAIN] * _turned(array.elements[kernels.LEAD]))
+
+
+def _polynomial(coefficients: Sequence[Any] | Array, x: Array) -> Array:
+    """Σ_k c_k·x^k."""
+    *lower, highest = coefficients
+    return jnp.asarray(reduce(lambda total, c: total * x + c, reversed(lower), highest))
+
+
+def _turned(turns: Array) -> Array:
+    """e^{2πi·turns}: whole turns go before any rounding of the angle."""
+    t = turns - jnp.round(turns)
+    return jax.lax.complex(_polynomial(COSINE, t * t), t * _polynomial(SINE, t * t))
+
+
+def _looked_up(table: Array, sine_squared: Array, inverse: Array) -> Array:
+    """A table (rows, columns, 2) over sin²θ and nearest/r, interpolated linearly."""
+    rows, columns = table.shape[:2]
+    x, y = jnp.clip(sine_squared, 0, 1) * (rows - 1), jnp.minimum(inverse, 1) * (columns - 1)
+    i, j = jnp.minimum(x.astype(int), rows - 2), jnp.minimum(y.astype(int), columns - 2)
+    down, right = x - i, y - j
+    corners = (((1 - down) * (1 - right), i, j), ((1 - down) * right, i, j + 1))
+    corners += ((down * (1 - right), i + 1, j), (down * right, i + 1, j + 1))
+    re, im = (sum(weight * table[row, column, part] for weight, row, column in corners) for part in (0, 1))
+    return jax.lax.complex(re, im)
+
+
+@jax.jit
+def _pressure(array: Waves, emitted: Array, at: Array) -> Array:
+    # A product and a sum become one loop that keeps no wave in memory; a matrix product would keep all.
+    return jnp.sum(waves(array, at) * emitted, axis=-1)
+
+
+def sum_pressure(
+    device: Device, array: Waves, emitted: NDArray[np.complex64], at: NDArray[np.float32]
+) -> NDArray[np.complex64]:
+    """Pressure of all transducers, a block of points at a time.
+
+    Parameters
+    ----------
+    device : jax.Device
+        What computes.
+    array : Waves
+        n transducers.
+    emitted : (n,) complex64
+        Drives times `response`.
+    at : (k, 3) float32
+        As for `waves`.
+
+    Returns
+    -------
+    (k,) complex64
+        Relative to the tables' strength.
+    """
+    array, emitted = jax.device_put((array, emitted), device)
+    block = min(power_of_two(len(at)), max(1, PAIRS_AT_A_TIME // len(emitted)))
+    parts = []
+    for first in range(0, len(at), block):
+        part = at[first : first + block]
+        padded = np.pad(part, ((0, block - len(part)), (0, 0)), mode="edge")
+        parts.append(_pressure(array, emitted, jax.device_put(padded, device))[: len(part)])
+    return np.concatenate(parts)
+
+
+def power_of_two(count: int) -> int:
+    """The least one that is not below ``count``: XLA compiles anew for each number of points or frames."""
+    return 1 << (count - 1).bit_length()
