@@ -15,7 +15,7 @@ from ...extras import install_command, needing
 if TYPE_CHECKING:
     from jax import Device
 
-__all__ = ["Backend", "check_backend", "cuda_device", "device_for"]
+__all__ = ["Backend", "check_backend", "cuda_device", "device_for", "power_of_two"]
 
 Backend = Literal["cpu", "cuda"]
 
@@ -69,3 +69,8 @@ def cuda_device() -> Device:
             f"JAX {jax.__version__} finds no CUDA device ({error}); `nvidia-smi` shows whether the driver has one, and "
             f"{install_command('gpu')} adds JAX for it"
         ) from error
+
+
+def power_of_two(count: int) -> int:
+    """The least one that is not below ``count``: sizes of work, because XLA compiles anew for each size."""
+    return 1 << (count - 1).bit_length()

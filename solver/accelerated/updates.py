@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from ..compiled.kernels import BELOW, LIMIT, TINY
@@ -88,7 +89,8 @@ def solve_batch(
         u = _phases(gram, wanted, cold, recipe)
         diagonal = jnp.diagonal(gram, axis1=1, axis2=2).real
         mean = jnp.sum(diagonal, axis=1, keepdims=True) / counts[:, None]
-        ridge = jnp.where(present, mu * mean, mean)
+        least = 4 * at.shape[1] * np.finfo(np.float32).eps  # rounding may make eigenvalues of G as negative as that
+        ridge = jnp.where(present, jnp.maximum(mu, least) * mean, mean)
         system = gram + ridge[..., None] * jnp.eye(at.shape[1], dtype=jnp.float32)
         lower = jax.lax.linalg.cholesky(system, symmetrize_input=False)
         # The inverse of a triangle is as exact as substitution, and each step then is a product.
@@ -123,7 +125,8 @@ def _phases(gram: Array, wanted: Array, cold: Array, recipe: Recipe) -> Array:
             return u / jnp.maximum(jnp.linalg.norm(u, axis=1, keepdims=True), TINY)
         return _unit(u)
 
-    return jax.lax.fori_loop(0, recipe.phase_steps, improved, jnp.broadcast_to(cold, wanted.shape))
+    u: Array = jax.lax.fori_loop(0, recipe.phase_steps, improved, jnp.broadcast_to(cold, wanted.shape))
+    return u
 
 
 def _limited(drive: Array, limits: Array, recipe: Recipe) -> Array:
@@ -158,4 +161,5 @@ def _corrected(drives: Any, transfer: Array, wanted: Array, counts: Array, b: Ar
         return b, jnp.where(better, error, best), jnp.where(better, drive, chosen)
 
     begin = (b, jnp.full_like(norm, jnp.inf), jnp.zeros((len(b), transfer.shape[-1]), transfer.dtype))
-    return jax.lax.fori_loop(0, recipe.steps + 1, step, begin)[2]
+    chosen: Array = jax.lax.fori_loop(0, recipe.steps + 1, step, begin)[2]
+    return chosen

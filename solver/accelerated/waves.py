@@ -17,8 +17,9 @@ from jax import Array, Device
 from numpy.typing import NDArray
 
 from ..compiled import kernels
+from .devices import power_of_two
 
-__all__ = ["PAIRS_AT_A_TIME", "Waves", "power_of_two", "response", "sum_pressure", "waves"]
+__all__ = ["PAIRS_AT_A_TIME", "Waves", "response", "sum_pressure", "waves"]
 
 PAIRS_AT_A_TIME = 2**26
 """Of points and transducers: 512 MiB if a device kept each wave, which XLA's fusion avoids."""
@@ -90,10 +91,10 @@ def _looked_up(table: Array, sine_squared: Array, inverse: Array) -> Array:
     x, y = jnp.clip(sine_squared, 0, 1) * (rows - 1), jnp.minimum(inverse, 1) * (columns - 1)
     i, j = jnp.minimum(x.astype(int), rows - 2), jnp.minimum(y.astype(int), columns - 2)
     down, right = x - i, y - j
-    corners = (((1 - down) * (1 - right), i, j), ((1 - down) * right, i, j + 1))
-    corners += ((down * (1 - right), i + 1, j), (down * right, i + 1, j + 1))
-    re, im = (sum(weight * table[row, column, part] for weight, row, column in corners) for part in (0, 1))
-    return jax.lax.complex(re, im)
+    upper = table[i, j] * (1 - right)[..., None] + table[i, j + 1] * right[..., None]
+    lower = table[i + 1, j] * (1 - right)[..., None] + table[i + 1, j + 1] * right[..., None]
+    found = upper + (lower - upper) * down[..., None]
+    return jax.lax.complex(found[..., 0], found[..., 1])
 
 
 @jax.jit
@@ -103,8 +104,8 @@ def _pressure(array: Waves, emitted: Array, at: Array) -> Array:
 
 
 def sum_pressure(
-    device: Device, array: Waves, emitted: NDArray[np.complex64], at: NDArray[np.float32]
-) -> NDArray[np.complex64]:
+    device: Device, array: Waves, emitted: NDArray[np.complex128], at: NDArray[np.float64]
+) -> NDArray[np.complex128]:
     """Pressure of all transducers, a block of points at a time.
 
     Parameters
@@ -112,27 +113,25 @@ def sum_pressure(
     device : jax.Device
         What computes.
     array : Waves
-        n transducers.
-    emitted : (n,) complex64
-        Drives times `response`.
-    at : (k, 3) float32
-        As for `waves`.
+        n transducers, of which the tables may have more.
+    emitted : (n,) complex
+        Drives times responses.
+    at : (k, 3) float
+        In metres, relative to the tables' origin.
 
     Returns
     -------
-    (k,) complex64
-        Relative to the tables' strength.
+    (k,) complex
+        Relative to the tables' strength, in single precision.
     """
-    array, emitted = jax.device_put((array, emitted), device)
-    block = min(power_of_two(len(at)), max(1, PAIRS_AT_A_TIME // len(emitted)))
+    columns = array.elements.shape[1]
+    spread = np.zeros(columns, np.complex64)
+    spread[: len(emitted)] = emitted
+    array, spread = jax.device_put((array, spread), device)
+    block = min(power_of_two(len(at)), power_of_two(PAIRS_AT_A_TIME // columns))
     parts = []
     for first in range(0, len(at), block):
-        part = at[first : first + block]
+        part = at[first : first + block].astype(np.float32)
         padded = np.pad(part, ((0, block - len(part)), (0, 0)), mode="edge")
-        parts.append(_pressure(array, emitted, jax.device_put(padded, device))[: len(part)])
-    return np.concatenate(parts)
-
-
-def power_of_two(count: int) -> int:
-    """The least one that is not below ``count``: XLA compiles anew for each number of points or frames."""
-    return 1 << (count - 1).bit_length()
+        parts.append((len(part), _pressure(array, spread, jax.device_put(padded, device))))
+    return np.concatenate([np.asarray(part)[:count] for count, part in parts]).astype(np.complex128)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..accelerated.devices import Backend, device_for
+from ..accelerated.devices import power_of_two
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.tables import ArrayTables, surely_reachable, tables_of
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from ..accelerated.updates import Recipe
 
-__all__ = ["BATCH_BYTES", "batch_size", "device_of", "drive_batches", "padded_points", "recipe_of"]
+__all__ = ["BATCH_BYTES", "batch_size", "drive_batches", "hindrance", "padded_points", "recipe_of"]
 
 BATCH_BYTES = 2**30
 """Memory of a device that a batch may fill, unless one frame alone needs more."""
@@ -34,14 +34,7 @@ BATCH_BYTES = 2**30
 MOST_FRAMES = 4096  # of a batch: more save no time
 
 
-def device_of(
-    backend: Backend, array: TransducerArray, medium: Medium, method: str, options: Options
-) -> Device | None:
-    """The device that solves frames; None is the processor, with a warning if a GPU was asked for."""
-    return device_for(backend, _hindrance(array, medium, method, options))
-
-
-def _hindrance(array: TransducerArray, medium: Medium, method: str, options: Options) -> str | None:
+def hindrance(array: TransducerArray, medium: Medium, method: str, options: Options) -> str | None:
     """Why a GPU cannot solve by a method, or None."""
     uses = METHODS[method].kernels
     if uses is None or uses.polished:
@@ -108,16 +101,20 @@ def drive_batches(
     tables, recipe = tables_of(array, medium), recipe_of(method, options)
     waves = jax.device_put(Waves(*tables[:4]), device)
     gamma, mu = np.float32(options.gamma), np.float32(options.mu)
-    last: tuple[NDArray[np.int64], jax.Array] | None = None
+    solving: list[tuple[NDArray[np.int64], jax.Array]] = []
+
+    def fetch() -> None:
+        members, solved = solving.pop(0)
+        drives[members] = np.asarray(solved)[: len(members), : len(array)]
+
     for members, size in _batches(frames, len(array)):
         packed = jax.device_put(_packed(array, tables, frames, members, *size), device)
         cold = jax.device_put(cold_start(size[1]).astype(np.complex64), device)
-        solved = solve_batch(waves, *packed, cold, gamma, mu, recipe)
-        if last is not None:  # while the device solves this batch, that one comes back
-            drives[last[0]] = np.asarray(last[1])[: len(last[0]), : len(array)]
-        last = members, solved
-    if last is not None:
-        drives[last[0]] = np.asarray(last[1])[: len(last[0]), : len(array)]
+        solving.append((members, solve_batch(waves, *packed, cold, gamma, mu, recipe)))
+        if len(solving) > 1:
+            fetch()  # the batch before, while the device solves this one
+    while solving:
+        fetch()
 
 
 def _batches(frames: Sequence[ControlPoints], transducers: int) -> Iterator[tuple[NDArray[np.int64], tuple[int, int]]]:
@@ -128,7 +125,7 @@ def _batches(frames: Sequence[ControlPoints], transducers: int) -> Iterator[tupl
         room = batch_size(points, transducers)
         for first in range(0, len(members), room):
             part = members[first : first + room]
-            yield part, (min(room, 1 << (len(part) - 1).bit_length()), points)
+            yield part, (min(room, power_of_two(len(part))), points)
 
 
 def _packed(
