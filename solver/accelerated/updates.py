@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 
 from ..compiled.kernels import BELOW, LIMIT, TINY
-from .waves import Waves, response, waves
+from .propagation import WaveTables, response, unit_transfer
 
 __all__ = ["Recipe", "solve_batch"]
 
@@ -49,16 +49,16 @@ class Recipe(NamedTuple):
 
 @partial(jax.jit, static_argnames="recipe")
 def solve_batch(
-    array: Waves, at: Array, wanted: Array, counts: Array, cold: Array, gamma: Any, mu: Any, recipe: Recipe
+    tables: WaveTables, at: Array, wanted: Array, counts: Array, cold: Array, gamma: Any, mu: Any, recipe: Recipe
 ) -> Array:
     """Drives of f frames, each from a cold start.
 
     Parameters
     ----------
-    array : Waves
+    tables : WaveTables
         n transducers.
     at : (f, m, 3) float32
-        Points, as for `waves.waves`; those of frame i from ``counts[i]`` on are padding.
+        Points, as for `propagation.unit_transfer`; those of frame i from ``counts[i]`` on are padding.
     wanted : (f, m) float32
         Amplitudes, the largest of a frame 1; 0 for padding.
     counts : (f,) int32
@@ -76,8 +76,8 @@ def solve_batch(
         Drives within their limits.
     """
     present = jnp.arange(at.shape[1]) < counts[:, None]
-    transfer = jnp.where(present[..., None], waves(array, at) * response(array), 0)
-    limits = array.elements[LIMIT]
+    transfer = jnp.where(present[..., None], unit_transfer(tables, at) * response(tables), 0)
+    limits = tables.elements[LIMIT]
     if not recipe.weighed:
         foci = jnp.sum(wanted[..., None] * _unit(transfer.conj()), axis=1)
         return _limited(foci, limits, recipe)

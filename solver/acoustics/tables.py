@@ -167,9 +167,9 @@ def pressure_at(
     """Pressure at (k, 3) points, in pascals, by a device of JAX or by the kernels; the points are not checked."""
     scaled = drive * array.response * array.transducer.polarity
     if device is not None:
-        from ..accelerated.waves import Waves, sum_pressure  # an extra
+        from ..accelerated.propagation import WaveTables, sum_pressure  # an extra
 
-        return tables.strength * sum_pressure(device, Waves(*tables[:4]), scaled, points - tables.origin)
+        return tables.strength * sum_pressure(device, WaveTables(*tables[:4]), scaled, points - tables.origin)
     emitted = aligned(2, tables.elements.shape[1])
     emitted[0, : len(array)], emitted[1, : len(array)] = scaled.real, scaled.imag
     pressure = np.empty(len(points), dtype=np.complex128)

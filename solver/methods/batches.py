@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..accelerated.devices import power_of_two
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
-from ..acoustics.tables import ArrayTables, surely_reachable, tables_of
+from ..acoustics.tables import surely_reachable, tables_of
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from .engine import is_modelled
 from .methods import METHODS
@@ -95,11 +95,11 @@ def drive_batches(
     """
     import jax
 
+    from ..accelerated.propagation import WaveTables
     from ..accelerated.updates import solve_batch
-    from ..accelerated.waves import Waves
 
-    tables, recipe = tables_of(array, medium), recipe_of(method, options)
-    waves = jax.device_put(Waves(*tables[:4]), device)
+    known, recipe = tables_of(array, medium), recipe_of(method, options)
+    tables = jax.device_put(WaveTables(*known[:4]), device)
     gamma, mu = np.float32(options.gamma), np.float32(options.mu)
     solving: list[tuple[NDArray[np.int64], jax.Array]] = []
 
@@ -108,9 +108,9 @@ def drive_batches(
         drives[members] = np.asarray(solved)[: len(members), : len(array)]
 
     for members, size in _batches(frames, len(array)):
-        packed = jax.device_put(_packed(array, tables, frames, members, *size), device)
+        packed = jax.device_put(_packed(array, known.origin, frames, members, *size), device)
         cold = jax.device_put(cold_start(size[1]).astype(np.complex64), device)
-        solving.append((members, solve_batch(waves, *packed, cold, gamma, mu, recipe)))
+        solving.append((members, solve_batch(tables, *packed, cold, gamma, mu, recipe)))
         if len(solving) > 1:
             fetch()  # the batch before, while the device solves this one
     while solving:
@@ -130,7 +130,7 @@ def _batches(frames: Sequence[ControlPoints], transducers: int) -> Iterator[tupl
 
 def _packed(
     array: TransducerArray,
-    tables: ArrayTables,
+    origin: NDArray[np.float64],
     frames: Sequence[ControlPoints],
     members: NDArray[np.int64],
     room: int,
@@ -147,7 +147,7 @@ def _packed(
     largest = np.maximum.reduceat(amplitudes, np.cumsum(counts) - counts)
     filled = np.arange(points) < counts[:, None]
     at, wanted = np.zeros((room, points, 3), np.float32), np.zeros((room, points), np.float32)
-    at[: len(chosen)][filled] = positions - tables.origin
+    at[: len(chosen)][filled] = positions - origin
     wanted[: len(chosen)][filled] = amplitudes / np.repeat(largest, counts)
     at[len(chosen) :], wanted[len(chosen) :] = at[0], wanted[0]
     return at, wanted, np.concatenate([counts, np.full(room - len(chosen), counts[0])])

@@ -51,7 +51,7 @@ def test_a_device_is_the_first_and_does_not_take_all_memory(monkeypatch: pytest.
     """Unless the user has chosen otherwise."""
     monkeypatch.setattr("jax.devices", lambda platform: [f"{platform}:0", f"{platform}:1"])
     monkeypatch.delenv("XLA_PYTHON_CLIENT_PREALLOCATE", raising=False)
-    assert device_for("cuda", None) == cuda_device() == "cuda:0"  # type: ignore[comparison-overlap]
+    assert device_for("cuda", None) == cuda_device() == "cuda:0"
     assert os.environ["XLA_PYTHON_CLIENT_PREALLOCATE"] == "false"
     monkeypatch.setenv("XLA_PYTHON_CLIENT_PREALLOCATE", "true")
     cuda_device()

@@ -1,4 +1,4 @@
-"""The waves of all transducers at many points, and their sum, in JAX: what the compiled kernels do, in float32.
+"""The transfer matrix and the pressure of all transducers in JAX: what the compiled kernels do, in float32.
 
 Each function does what a readable complex128 function of `acoustics.propagation` does, and is tested against it on
 JAX's CPU device.
@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 from ..compiled import kernels
 from .devices import power_of_two
 
-__all__ = ["PAIRS_AT_A_TIME", "Waves", "response", "sum_pressure", "waves"]
+__all__ = ["PAIRS_AT_A_TIME", "WaveTables", "response", "sum_pressure", "unit_transfer"]
 
 PAIRS_AT_A_TIME = 2**26
-"""Of points and transducers: 512 MiB if a device kept each wave, which XLA's fusion avoids."""
+"""Of points and transducers: 512 MiB if XLA keeps each wave, as it does on a processor."""
 
 SINE = (kernels.S0, kernels.S1, kernels.S2, kernels.S3, kernels.S4, kernels.S5)
 COSINE = (kernels.C0, kernels.C1, kernels.C2, kernels.C3, kernels.C4, kernels.C5, kernels.C6)
 
 
-class Waves(NamedTuple):
+class WaveTables(NamedTuple):
     """An array in its medium: the first fields of `acoustics.tables.ArrayTables`, which says what they are."""
 
     elements: Any
@@ -37,12 +37,12 @@ class Waves(NamedTuple):
     nepers: Any
 
 
-def waves(array: Waves, at: Array) -> Array:
-    """Residual·e^{(ik−α)r}/r of each transducer at points.
+def unit_transfer(tables: WaveTables, at: Array) -> Array:
+    """Residual·e^{(ik−α)r}/r of each transducer at points: the transfer matrix of responses and strength 1.
 
     Parameters
     ----------
-    array : Waves
+    tables : WaveTables
         n transducers.
     at : (..., 3) float32
         In metres, relative to the tables' origin.
@@ -52,25 +52,25 @@ def waves(array: Waves, at: Array) -> Array:
     (..., n) complex64
         0 behind a transducer's baffle.
     """
-    elements = array.elements
+    elements = tables.elements
     dx, dy, dz = (at[..., axis, None] - elements[row] for axis, row in enumerate((kernels.X, kernels.Y, kernels.Z)))
     r = jnp.sqrt(dx * dx + dy * dy + dz * dz + kernels.TINY)
     inverse = 1 / r
     cosine = (dx * elements[kernels.NX] + dy * elements[kernels.NY] + dz * elements[kernels.NZ]) * inverse
     amplitude = jnp.where(cosine > 0, inverse, 0)
-    if array.nepers is not None:
-        amplitude *= jnp.exp(-array.nepers * r)
-    if len(array.wave) == 1:
-        amplitude *= _polynomial(array.wave[0], 1 - cosine * cosine)
-        return amplitude * _turned(array.turns * r)
-    table, nearest, cosines, growth = array.wave
+    if tables.nepers is not None:
+        amplitude *= jnp.exp(-tables.nepers * r)
+    if len(tables.wave) == 1:
+        amplitude *= _polynomial(tables.wave[0], 1 - cosine * cosine)
+        return amplitude * _turned(tables.turns * r)
+    table, nearest, cosines, growth = tables.wave
     amplitude *= jnp.where(cosines == 1, cosine, 1) * jnp.where(growth > 0, growth * jnp.sqrt(r), 1)
-    return amplitude * _looked_up(table, 1 - cosine * cosine, nearest * inverse) * _turned(array.turns * r)
+    return amplitude * _looked_up(table, 1 - cosine * cosine, nearest * inverse) * _turned(tables.turns * r)
 
 
-def response(array: Waves) -> Array:
+def response(tables: WaveTables) -> Array:
     """The (n,) complex64 responses of the transducers, polarity included; 0 for dead ones."""
-    return jnp.asarray(array.elements[kernels.GAIN] * _turned(array.elements[kernels.LEAD]))
+    return jnp.asarray(tables.elements[kernels.GAIN] * _turned(tables.elements[kernels.LEAD]))
 
 
 def _polynomial(coefficients: Sequence[Any] | Array, x: Array) -> Array:
@@ -98,13 +98,13 @@ def _looked_up(table: Array, sine_squared: Array, inverse: Array) -> Array:
 
 
 @jax.jit
-def _pressure(array: Waves, emitted: Array, at: Array) -> Array:
-    # A product and a sum become one loop that keeps no wave in memory; a matrix product would keep all.
-    return jnp.sum(waves(array, at) * emitted, axis=-1)
+def _pressure(tables: WaveTables, emitted: Array, at: Array) -> Array:
+    # A product and a sum can become one loop that keeps no wave; a matrix product would read all from memory.
+    return jnp.sum(unit_transfer(tables, at) * emitted, axis=-1)
 
 
 def sum_pressure(
-    device: Device, array: Waves, emitted: NDArray[np.complex128], at: NDArray[np.float64]
+    device: Device, tables: WaveTables, emitted: NDArray[np.complex128], at: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
     """Pressure of all transducers, a block of points at a time.
 
@@ -112,7 +112,7 @@ def sum_pressure(
     ----------
     device : jax.Device
         What computes.
-    array : Waves
+    tables : WaveTables
         n transducers, of which the tables may have more.
     emitted : (n,) complex
         Drives times responses.
@@ -124,14 +124,14 @@ def sum_pressure(
     (k,) complex
         Relative to the tables' strength, in single precision.
     """
-    columns = array.elements.shape[1]
+    columns = tables.elements.shape[1]
     spread = np.zeros(columns, np.complex64)
     spread[: len(emitted)] = emitted
-    array, spread = jax.device_put((array, spread), device)
-    block = min(power_of_two(len(at)), power_of_two(PAIRS_AT_A_TIME // columns))
+    tables, spread = jax.device_put((tables, spread), device)
+    block = min(power_of_two(len(at)), max(1, PAIRS_AT_A_TIME // columns))
     parts = []
     for first in range(0, len(at), block):
         part = at[first : first + block].astype(np.float32)
         padded = np.pad(part, ((0, block - len(part)), (0, 0)), mode="edge")
-        parts.append((len(part), _pressure(array, spread, jax.device_put(padded, device))))
+        parts.append((len(part), _pressure(tables, spread, jax.device_put(padded, device))))
     return np.concatenate([np.asarray(part)[:count] for count, part in parts]).astype(np.complex128)
