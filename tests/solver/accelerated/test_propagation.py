@@ -1,4 +1,4 @@
-"""Fields by JAX, on its CPU device, against the complex128 sum: the program that a GPU runs is the same."""
+"""Fields by JAX against the complex128 sum, on a GPU if there is one: the program is the same on a processor."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ WIDE = Transducer(radius=0.02)  # of ka 15, whose lobes no short polynomial foll
 MODELS = {model: Transducer(model=model, polarity=-1) for model in ("monopole", "rayleigh", "rayleigh-1", "as-printed")}
 
 
-def cpu() -> Any:
-    return jax.devices("cpu")[0]
+def device() -> Any:
+    return jax.devices()[0]
 
 
 def panels(rng: np.random.Generator, transducer: Transducer) -> TransducerArray:
@@ -37,7 +37,7 @@ def compare(transducer: Transducer, absorbing: bool, seed: int) -> None:
     drive = rng.uniform(0, 1, 70) * np.exp(2j * np.pi * rng.uniform(size=70))
     at = np.add(rng.uniform([-0.4, -0.4, 0.5], [0.4, 0.4, 0.9], (300, 3)), [5, -3, 9])
     exact = pressure(array, drive, at, medium)
-    found = pressure_at(tables_of(array, medium), array, drive, at, cpu())
+    found = pressure_at(tables_of(array, medium), array, drive, at, device())
     np.testing.assert_allclose(found, exact, atol=2e-4 * np.abs(exact).max())
 
 
@@ -66,9 +66,9 @@ def test_whole_turns_leave_the_wave_as_it_is(turns: float) -> None:
 def test_a_large_field_is_summed_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     array = TransducerArray.grid(4, 4)
     drive, at = np.exp(1j * np.arange(16)), np.random.default_rng(0).uniform(0.05, 0.2, (1000, 3))
-    whole = pressure_at(tables_of(array, Medium()), array, drive, at, cpu())
+    whole = pressure_at(tables_of(array, Medium()), array, drive, at, device())
     monkeypatch.setattr(propagation, "PAIRS_AT_A_TIME", 256 * 16)
-    parts = pressure_at(tables_of(array, Medium()), array, drive, at, cpu())
+    parts = pressure_at(tables_of(array, Medium()), array, drive, at, device())
     np.testing.assert_allclose(parts, whole, atol=1e-6 * np.abs(whole).max())
     np.testing.assert_allclose(parts, transfer_matrix(array, at) @ drive, atol=1e-4 * np.abs(whole).max())
 
@@ -87,7 +87,7 @@ def test_a_block_of_a_field_keeps_each_wave_once_at_most(array: TransducerArray)
 
 
 def test_a_plane_is_sampled_by_the_device(array: TransducerArray, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("phasewire.solver.accelerated.devices.cuda_device", cpu)
+    monkeypatch.setattr("phasewire.solver.accelerated.devices.cuda_device", device)
     drive = np.exp(1j * np.arange(320))
     here, there = (sample_plane(array, drive, 0.2, 0.05, backend=backend) for backend in ("cpu", "cuda"))
     np.testing.assert_allclose(there.pressure, here.pressure, atol=1e-4 * here.strongest()[0])

@@ -1,4 +1,4 @@
-"""Batches of frames by JAX, on its CPU device, against the complex128 solutions: a GPU runs the same program."""
+"""Batches by JAX against the complex128 solutions, on a GPU if there is one: the program is the same on a processor."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ TIKHONOV: list[dict[str, Any]] = [
 ]
 
 
-def cpu() -> Any:
-    return jax.devices("cpu")[0]
+def device() -> Any:
+    return jax.devices()[0]
 
 
 def batch(
     array: TransducerArray, frames: list[ControlPoints], method: str, medium: Medium | None = None, **options: Any
 ) -> NDArray[np.complex64]:
     drives = np.full((len(frames), len(array)), np.nan, np.complex64)
-    drive_batches(cpu(), array, medium or Medium(), method, options_of(method, options), frames, drives)
+    drive_batches(device(), array, medium or Medium(), method, options_of(method, options), frames, drives)
     return drives
 
 
@@ -247,7 +247,7 @@ def test_every_product_of_matrices_is_in_full_single_precision(array: Transducer
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["wgs", "tikhonov", "multiplex"])
 def test_frames_are_solved_by_the_device(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("phasewire.solver.accelerated.devices.cuda_device", cpu)
+    monkeypatch.setattr("phasewire.solver.accelerated.devices.cuda_device", device)
     rng = np.random.default_rng(2)
     frames = [ControlPoints(rng.uniform([-0.05, -0.05, 0.1], [0.05, 0.05, 0.3], (4, 3))) for _ in range(FRAMES)]
     here, there = (solve_frames(TransducerArray.grid(8, 8), frames, method, backend=b) for b in ("cpu", "cuda"))
