@@ -105,7 +105,7 @@ def solve_batch(
         b = wanted * _unit(u)
         if recipe.steps == 0:
             return drives(b)
-        return _corrected(drives, transfer, wanted, counts, b, recipe)
+        return _corrected(drives, transfer, wanted, b, recipe)
 
 
 def _unit(values: Array) -> Array:
@@ -142,7 +142,7 @@ def _limited(drive: Array, limits: Array, recipe: Recipe) -> Array:
     return raised * jnp.minimum(1, BELOW * limits / jnp.maximum(jnp.abs(raised), TINY))
 
 
-def _corrected(drives: Any, transfer: Array, wanted: Array, counts: Array, b: Array, recipe: Recipe) -> Array:
+def _corrected(drives: Any, transfer: Array, wanted: Array, b: Array, recipe: Recipe) -> Array:
     """`methods.reference.correct` of each frame: ``drives`` solves for the complex pressures b."""
     norm = jnp.sum(wanted**2, axis=1, keepdims=True)
 
@@ -153,9 +153,7 @@ def _corrected(drives: Any, transfer: Array, wanted: Array, counts: Array, b: Ar
         magnitude = jnp.abs(pressure)
         scale = jnp.sum(wanted * magnitude, axis=1, keepdims=True) / norm
         fit = jnp.maximum(scale, TINY)
-        present = jnp.arange(b.shape[1]) < counts[:, None]
-        missed = jnp.where(present, magnitude / fit - wanted, 0)
-        error = jnp.sqrt(jnp.sum(missed**2, axis=1, keepdims=True) / counts[:, None])
+        error = jnp.sum((magnitude / fit - wanted) ** 2, axis=1, keepdims=True)
         better = (number == 0) | ((scale > TINY) & (error < best))
         b = b + recipe.relaxation * (wanted * _unit(pressure) - pressure / fit)
         return b, jnp.where(better, error, best), jnp.where(better, drive, chosen)

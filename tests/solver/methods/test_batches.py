@@ -76,6 +76,7 @@ def check_as_good(
 ) -> None:
     """As good as in double precision: iterations for points that crowd may end elsewhere."""
     found = batch(array, frames, method, medium, **options)
+    assert (np.abs(found) <= array.limits).all()
     double = solve_frames(array, frames, method, medium=medium, precision="double", **options)
     for points, one, other in zip(frames, found, double, strict=True):
         reached, expected = felt(array, points, one, medium), felt(array, points, other, medium)
