@@ -72,7 +72,7 @@ def demo(
         before = perf_counter()
         solution = solver.solve(points)
         microseconds = (perf_counter() - before) * 1e6
-        told("solve", f"{len(array)} drives by weighted Tikhonov and Gerchberg–Saxton steps in {microseconds:.0f} µs")
+        told("solve", f"{len(array)} drives by weighted Tikhonov and Gauss–Newton steps in {microseconds:.0f} µs")
         status.update("sending, playing and capturing")
         with Emulator() as emulator:
             run = run_end_to_end(solution, emulator)

@@ -16,8 +16,8 @@ from ..compiled.simd import LANES
 from ..geometry import frozen
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from . import paired_kernels
-from .engine import HEADROOM32, NUDGE32, OUTPUTS, RELAXATION32, kernels_of
-from .options import Options
+from .engine import FLAT32, HEADROOM32, NUDGE32, OUTPUTS, TOLERANCE32, kernels_of
+from .options import GRADIENTS, Options
 from .paired import Pair
 from .reference import cold_start
 from .split import Split, split
@@ -113,7 +113,9 @@ class CompiledPair:
             mu=self._mu,
             output=self._output,
             headroom=HEADROOM32,
-            relaxation=RELAXATION32,
+            tolerance=TOLERANCE32,
+            gradients=GRADIENTS,
+            flat=FLAT32,
             steps=self._steps,
             work=self._work,
             u=self._u,

@@ -21,7 +21,7 @@ from ..compiled.simd import LANES
 from ..compiled.threads import THREADS
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from .methods import METHODS, Kernels
-from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options
+from .options import FLAT, GRADIENTS, HEADROOM, LEAST_GAIN, NUDGE, TOLERANCE, Options
 from .reference import cold_start
 from .reference_engine import drive_each
 
@@ -29,7 +29,8 @@ __all__ = ["CompiledEngine", "solves_at_once"]
 
 OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
 NO_IDS = np.empty(0, np.int64)
-HEADROOM32, RELAXATION32, NUDGE32 = np.float32(HEADROOM), np.float32(RELAXATION), np.float32(NUDGE)
+HEADROOM32, NUDGE32 = np.float32(HEADROOM), np.float32(NUDGE)
+TOLERANCE32, FLAT32 = np.float32(TOLERANCE), np.float32(FLAT)
 
 
 def kernels_of(method: str) -> Kernels:
@@ -119,7 +120,9 @@ class CompiledEngine:
             mu=self._mu,
             output=self._output,
             headroom=HEADROOM32,
-            relaxation=RELAXATION32,
+            tolerance=TOLERANCE32,
+            gradients=GRADIENTS,
+            flat=FLAT32,
             steps=self._steps,
             work=work,
             drive=drive,
@@ -170,7 +173,9 @@ class CompiledEngine:
             mu=self._mu,
             output=self._output,
             headroom=HEADROOM32,
-            relaxation=RELAXATION32,
+            tolerance=TOLERANCE32,
+            gradients=GRADIENTS,
+            flat=FLAT32,
             steps=self._steps,
             work=self._work,
             u=aligned(self._cold.size),

@@ -92,7 +92,7 @@ def drive_pair(
     positions: Any, amplitudes: Any, ids: Any,
     split_is_known: bool, axis: Any, before: Any, before_ids: Any, mask: Any,
     gamma: Any, phase_steps: int, power: bool, cold: Any, nudge: Any,
-    mu: Any, output: int, headroom: Any, relaxation: Any, steps: int, work: Any, u: Any,
+    mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int, flat: Any, steps: int, work: Any, u: Any,
     counts: Any, kept_ids: Any, kept: Any, drives: Any, levels: Any,
 ) -> int:  # fmt: skip
     """Split points in two halves, and find the drives of each, and the level by which it is to be turned down.
@@ -136,8 +136,8 @@ def drive_pair(
         )  # fmt: skip
         suspect = max(suspect, found)
         _begin(k, columns, gamma, phase_steps, power, phases, work)
-        _finish(elements=elements, m=k, u=phases, mu=mu, output=output, headroom=headroom, relaxation=relaxation,
-                steps=steps, work=work, drive=drives[half])  # fmt: skip
+        _finish(elements=elements, m=k, u=phases, mu=mu, output=output, headroom=headroom, tolerance=tolerance,
+                gradients=gradients, flat=flat, steps=steps, work=work, drive=drives[half])  # fmt: skip
         levels[half] = _level(k, columns, True, work, drives[half]) / loudest
         counts[half] = k
         for i in range(k):

@@ -103,6 +103,24 @@ def test_corrections_are_as_good_as_the_double_ones(
     assert error <= 1.3 * expected + 2e-3
 
 
+@pytest.mark.parametrize("output", ["solved", "phase", "limited"])
+@given(seed=st.integers(0, 2**32 - 1), m=st.integers(2, 40))
+@FEW
+def test_a_correction_is_the_double_one(output: str, seed: int, m: int) -> None:
+    """One step, from the same phases of the points, which are on a lattice of 12 mm, some of them nulls."""
+    rng = np.random.default_rng(seed)
+    lattice = np.stack(np.meshgrid(*[np.arange(-5, 6) * 0.012] * 2, [0.15, 0.2, 0.25]), axis=-1).reshape(-1, 3)
+    amplitudes = rng.uniform(0.1, 1, m) * (rng.random(m) > 0.2)
+    amplitudes[0] = 1
+    points, options = ControlPoints(rng.permutation(lattice)[:m], amplitudes), {"phase_steps": 0, "steps": 1}
+    array = TransducerArray.grid()
+    single, double = (solve(array, points, precision=p, output=output, **options).drive for p in ("single", "double"))  # type: ignore[arg-type]
+    plain = solve(array, points, "tikhonov", precision="double", output=output, phase_steps=0).drive
+    turned, expected = np.angle(single * plain.conj()), np.angle(double * plain.conj())
+    counts = np.abs(plain) > 0.1
+    assert np.sqrt(np.mean((turned - expected)[counts] ** 2)) < 0.02 * np.sqrt(np.mean(expected[counts] ** 2)) + 5e-3
+
+
 @given(seed=st.integers(0, 2**32 - 1))
 @FEW
 def test_polishing_is_as_good_as_the_double_one(seed: int) -> None:
