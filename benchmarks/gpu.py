@@ -107,22 +107,23 @@ def counts() -> Iterator[dict[str, Any]]:
     """Work of a solve and of a pair.
 
     XLA counts the body of a loop once and a complex product as one operation, so only the bytes without loops are its
-    own; operations, and the loops' bytes, are counted by hand: an iteration for the phases reads the Gram matrix, and a
-    step of wgs two transfer matrices and the factor twice.
+    own; operations, and the loops' bytes, are counted by hand: an iteration for the phases reads the Gram matrix; each
+    step of wgs reads the transfer matrix once, and twice in each of its gradients.
     """
     transfer, gram = 8 * M * N, 8 * M * M
     for method in ("tikhonov", "wgs"):
         *arguments, recipe = program(method, 256)
         plain = cost(updates.solve_batch.lower(*arguments, recipe._replace(phase_steps=0, steps=0)))
-        steps = recipe.steps
+        reads = 1 + recipe.steps * (1 + 2 * recipe.gradients) if recipe.steps else 0
         yield {
             "of": method,
-            "bytes": plain["bytes accessed"] / 256 + recipe.phase_steps * gram + steps * 2 * (transfer + gram),
+            "bytes": plain["bytes accessed"] / 256 + recipe.phase_steps * gram + reads * transfer,
             "flops": 70 * M * N
             + 8 * M * M * N
             + 8 * M * M * recipe.phase_steps
             + 8 / 3 * M**3
-            + (1 + steps) * 16 * M * (N + M),
+            + 16 * M * (N + M)
+            + 8 * M * N * reads,
         }
     one = (propagation.WaveTables(*TABLES[:4]), np.zeros(N, np.complex64), np.zeros((4096, 3), np.float32))
     pair = cost(propagation._pressure.lower(*one))

@@ -31,11 +31,11 @@ class Recipe(NamedTuple):
     power : bool
         Whether the phases are found by the paper's power method.
     phase_steps, steps : int
-        Iterations for the phases, and Gerchberg–Saxton steps.
+        Iterations for the phases, and most Gauss–Newton steps.
     output : {"solved", "phase", "limited"}
         The output policy.
-    headroom, relaxation : float
-        `methods.options.HEADROOM` and `RELAXATION`.
+    headroom, tolerance, gradients, flat
+        `methods.options.HEADROOM`, `TOLERANCE`, `GRADIENTS` and `FLAT`.
     """
 
     weighed: bool
@@ -44,7 +44,9 @@ class Recipe(NamedTuple):
     steps: int
     output: str
     headroom: float
-    relaxation: float
+    tolerance: float
+    gradients: int
+    flat: float
 
 
 @partial(jax.jit, static_argnames="recipe")
@@ -98,14 +100,12 @@ def solve_batch(
             lower, jnp.broadcast_to(jnp.eye(at.shape[1], dtype=jnp.complex64), lower.shape), left_side=True, lower=True
         )
 
-        def drives(b: Array) -> Array:
-            y = jnp.einsum("fji,fj->fi", inverse.conj(), jnp.einsum("fij,fj->fi", inverse, b))
-            return _limited(jnp.einsum("fmn,fm->fn", back, y), limits, recipe)
-
-        b = wanted * _unit(u)
+        y = jnp.einsum("fji,fj->fi", inverse.conj(), jnp.einsum("fij,fj->fi", inverse, wanted * _unit(u)))
+        drive = _limited(jnp.einsum("fmn,fm->fn", back, y), limits, recipe)
         if recipe.steps == 0:
-            return drives(b)
-        return _corrected(drives, transfer, wanted, b, recipe)
+            return drive
+        chosen = _corrected(transfer, wanted, counts, drive, recipe)
+        return chosen * jnp.minimum(1, BELOW * limits / jnp.maximum(jnp.abs(chosen), TINY))  # turning rounds
 
 
 def _unit(values: Array) -> Array:
@@ -142,22 +142,59 @@ def _limited(drive: Array, limits: Array, recipe: Recipe) -> Array:
     return raised * jnp.minimum(1, BELOW * limits / jnp.maximum(jnp.abs(raised), TINY))
 
 
-def _corrected(drives: Any, transfer: Array, wanted: Array, b: Array, recipe: Recipe) -> Array:
-    """`methods.reference.correct` of each frame: ``drives`` solves for the complex pressures b."""
+def _corrected(transfer: Array, wanted: Array, counts: Array, drive: Array, recipe: Recipe) -> Array:
+    """`methods.reference.correct` of each frame, until all have converged."""
     norm = jnp.sum(wanted**2, axis=1, keepdims=True)
 
-    def step(number: int, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        b, best, chosen = state
-        drive = drives(b)
+    def unfinished(state: tuple[Any, ...]) -> Array:
+        number, _, best, _ = state
+        return jnp.logical_and(number <= recipe.steps, jnp.any(best >= recipe.tolerance))
+
+    def step(state: tuple[Any, ...]) -> tuple[Any, ...]:
+        number, drive, best, chosen = state
         pressure = jnp.einsum("fmn,fn->fm", transfer, drive)
         magnitude = jnp.abs(pressure)
-        scale = jnp.sum(wanted * magnitude, axis=1, keepdims=True) / norm
-        fit = jnp.maximum(scale, TINY)
-        error = jnp.sum((magnitude / fit - wanted) ** 2, axis=1, keepdims=True)
-        better = (number == 0) | ((scale > TINY) & (error < best))
-        b = b + recipe.relaxation * (wanted * _unit(pressure) - pressure / fit)
-        return b, jnp.where(better, error, best), jnp.where(better, drive, chosen)
+        scale = jnp.maximum(jnp.sum(wanted * magnitude, axis=1, keepdims=True) / norm, TINY)
+        missing = wanted - magnitude / scale
+        error = jnp.sqrt(jnp.sum(missing**2, axis=1, keepdims=True) / counts[:, None])
+        better = (error < best) & (best >= recipe.tolerance)
+        best, chosen = jnp.where(better, error, best), jnp.where(better, drive, chosen)
+        half = _turns(transfer, wanted, drive, _unit(pressure).conj(), missing, recipe) * scale / 2
+        turned = drive * jax.lax.complex(1 - half * half, 2 * half) / (1 + half * half)
+        return number + 1, turned, best, chosen
 
-    begin = (b, jnp.full_like(norm, jnp.inf), jnp.zeros((len(b), transfer.shape[-1]), transfer.dtype))
-    chosen: Array = jax.lax.fori_loop(0, recipe.steps + 1, step, begin)[2]
+    begin = (0, drive, jnp.full_like(norm, jnp.inf), drive)
+    chosen: Array = jax.lax.while_loop(unfinished, step, begin)[3]
     return chosen
+
+
+def _turns(transfer: Array, wanted: Array, drive: Array, against: Array, missing: Array, recipe: Recipe) -> Array:
+    """`methods.reference.conjugate_gradients` for the turns (f, n) of drives that make the missing magnitudes.
+
+    ``against`` is e^{−iφ} of the phases φ of the pressures. A point's two rows, those of |p| and, at a null, of p at
+    right angles, are the imaginary and the real part of one number, so that all products are with the transfer matrix.
+    """
+    direction = wanted / jnp.linalg.norm(wanted, axis=1, keepdims=True)
+
+    def image_of(turns: Array) -> Array:
+        waves = against * jnp.einsum("fmn,fn->fm", transfer, drive * turns)
+        along = -waves.imag
+        along -= direction * jnp.sum(direction * along, axis=1, keepdims=True)
+        return jax.lax.complex(jnp.where(wanted == 0, waves.real, 0), along)
+
+    def improved(number: int, state: tuple[Array, ...]) -> tuple[Array, ...]:
+        solution, search, residual, first, before = state
+        gradient = (drive * jnp.einsum("fmn,fm->fn", transfer, against * residual)).real
+        square = jnp.sum(gradient**2, axis=1, keepdims=True)
+        first = jnp.where(number == 0, square, first)
+        goes_on = (before > 0) & ((number == 0) | (square > recipe.flat**2 * first))
+        search = gradient + jnp.where(goes_on & (number > 0), square / before, 0) * search
+        image = image_of(search)
+        length = square / jnp.maximum(jnp.sum(jnp.abs(image) ** 2, axis=1, keepdims=True), TINY)
+        length = jnp.where(goes_on, length, 0)
+        return solution + length * search, search, residual - length * image, first, jnp.where(goes_on, square, 0)
+
+    zero, one = jnp.zeros(drive.shape, jnp.float32), jnp.ones((len(drive), 1), jnp.float32)
+    begin = (zero, zero, jax.lax.complex(jnp.zeros_like(missing), missing), one, one)
+    solution: Array = jax.lax.fori_loop(0, recipe.gradients, improved, begin)[0]
+    return solution

@@ -18,7 +18,7 @@ from ..acoustics.tables import surely_reachable, tables_of
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from .engine import is_modelled
 from .methods import METHODS
-from .options import HEADROOM, LEAST_MU, RELAXATION, Options
+from .options import FLAT, GRADIENTS, HEADROOM, LEAST_MU, TOLERANCE, Options
 from .reference import cold_start
 
 if TYPE_CHECKING:
@@ -61,7 +61,9 @@ def recipe_of(method: str, options: Options) -> Recipe:
         steps=options.steps if uses.corrected else 0,
         output=options.policy,
         headroom=HEADROOM,
-        relaxation=RELAXATION,
+        tolerance=TOLERANCE,
+        gradients=GRADIENTS,
+        flat=FLAT,
     )
 
 
