@@ -48,6 +48,7 @@ def test_the_python_of_the_first_steps_runs(capsys: pytest.CaptureFixture[str]) 
     assert points > arcs > 0
 
 
+@pytest.mark.filterwarnings("ignore:backend 'cuda' is replaced by 'cpu'")
 @pytest.mark.parametrize(
     ("name", "count"),
     [
@@ -68,6 +69,7 @@ def test_the_python_of_the_first_steps_runs(capsys: pytest.CaptureFixture[str]) 
         ("explanation/skin.md", 1),
         ("how-to/feel.md", 1),
         ("how-to/sweeps.md", 1),
+        ("how-to/gpu.md", 1),
         ("how-to/xs1.md", 1),
     ],
 )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..accelerated.devices import Backend, check_backend, device_for
 from ..geometry import PointsLike, as_places
 from .array import TransducerArray, check_array
 from .diffraction import KERNELS
@@ -85,6 +86,7 @@ def pressure(
     at: PointsLike,
     medium: Medium | None = None,
     precision: Precision = "double",
+    backend: Backend = "cpu",
 ) -> NDArray[np.complex128]:
     """Pressure that a drive makes at points, the paper's (6).
 
@@ -102,6 +104,9 @@ def pressure(
         complex128 in NumPy, or a compiled float32 kernel: within 2e-4 of the largest pressure, a hundred times as fast,
         and the choice for fields. For points more than 500 wavelengths away, or if nearly all is absorbed on the
         way, double precision is used all the same.
+    backend : {"cpu", "cuda"}
+        ``"cuda"`` computes on a GPU, in single precision. If there is no GPU, or the points are too far for single
+        precision, the processor does, and a warning says why.
 
     Returns
     -------
@@ -111,16 +116,20 @@ def pressure(
     Raises
     ------
     ValueError
-        If the drive has another length than the array, or as `transfer_matrix`.
+        If the drive has another length than the array, the backend is unknown or lacks the precision, or as
+        `transfer_matrix`.
     """
     drive = as_drive(array, drive)
     if precision not in get_args(Precision):
         raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
+    check_backend(backend, precision)
     points, medium = as_places(at), as_medium(medium)
-    if precision == "single" and (tables := _reaching(array, points, medium)) is not None:
+    tables = _reaching(array, points, medium) if precision == "single" else None
+    device = device_for(backend, None if tables else "single precision is too coarse for points so far away")
+    if tables is not None:
         from .tables import pressure_at
 
-        return pressure_at(tables, array, drive, points)
+        return pressure_at(tables, array, drive, points, device)
     result = np.empty(len(points), dtype=np.complex128)
     at_a_time = max(1, PAIRS_AT_A_TIME // len(array))
     for first in range(0, len(points), at_a_time):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from math import prod
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -24,6 +24,9 @@ from .diffraction import KERNELS, REFERENCE_DISTANCE
 from .medium import Medium
 from .models import residual
 from .residual_table import ResidualTable
+
+if TYPE_CHECKING:
+    from jax import Device
 
 __all__ = [
     "aligned",
@@ -155,11 +158,19 @@ def aligned(*shape: int) -> NDArray[np.float32]:
 
 
 def pressure_at(
-    tables: ArrayTables, array: TransducerArray, drive: NDArray[np.complex128], points: NDArray[np.float64]
+    tables: ArrayTables,
+    array: TransducerArray,
+    drive: NDArray[np.complex128],
+    points: NDArray[np.float64],
+    device: Device | None = None,
 ) -> NDArray[np.complex128]:
-    """Pressure at (k, 3) points, in pascals; the points are not checked."""
-    emitted = aligned(2, tables.elements.shape[1])
+    """Pressure at (k, 3) points, in pascals, by a device of JAX or by the kernels; the points are not checked."""
     scaled = drive * array.response * array.transducer.polarity
+    if device is not None:
+        from ..accelerated.propagation import WaveTables, sum_pressure  # an extra
+
+        return tables.strength * sum_pressure(device, WaveTables(*tables[:4]), scaled, points - tables.origin)
+    emitted = aligned(2, tables.elements.shape[1])
     emitted[0, : len(array)], emitted[1, : len(array)] = scaled.real, scaled.imag
     pressure = np.empty(len(points), dtype=np.complex128)
     kernel: Callable[..., None] = kernels.sum_pressure if len(tables.wave) == 1 else kernels.sum_pressure_by_table

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...pictures import Drawable
+from ..accelerated.devices import Backend, check_backend, device_for
 from ..acoustics.array import TransducerArray, check_array
 from ..acoustics.medium import Medium, as_medium
 from ..acoustics.propagation import Precision
@@ -213,6 +214,7 @@ def solve_frames(
     medium: Medium | None = None,
     workers: int = 1,
     precision: Precision = "single",
+    backend: Backend = "cpu",
     **options: Any,
 ) -> NDArray[np.complex64]:
     """Drives of many frames, each solved from scratch, so that they do not depend on the number of workers.
@@ -227,6 +229,9 @@ def solve_frames(
         As for `Solver`.
     workers : int
         Threads to share the frames among, at least 1; more threads than cores gain nothing.
+    backend : {"cpu", "cuda"}
+        ``"cuda"`` solves batches of frames on a GPU, by `tikhonov`, `wgs` or `multiplex` in single precision. If there
+        is no GPU, or it cannot solve as asked, the processor does, and a warning says why.
 
     Returns
     -------
@@ -236,15 +241,23 @@ def solve_frames(
     Raises
     ------
     ValueError
-        As `Solver` and `Solver.solve`, naming the frame; or if there is less than one worker.
+        As `Solver` and `Solver.solve`, naming the frame; if there is less than one worker; or if the backend is unknown
+        or lacks the precision.
     """
     check_array(array)
     wanted, settings, air = [control_points(frame) for frame in frames], options_of(method, options), as_medium(medium)
     if workers < 1:
         raise ValueError(f"workers {workers} must be at least 1")
+    check_backend(backend, precision)
     drives = np.empty((len(wanted), len(array)), dtype=np.complex64)
     for index, points in enumerate(wanted):
         check_size(array, points, method, f"frame {index}: ")
+    if backend == "cuda":
+        from .batches import drive_batches, hindrance  # numba takes half a second to import
+
+        if (device := device_for(backend, hindrance(array, air, method, settings))) is not None:
+            drive_batches(device, array, air, method, settings, wanted, drives)
+            return drives
 
     def work(first: int) -> None:
         engine_for(array, air, method, settings, precision, 1).drive_frames(wanted, first, workers, drives)
