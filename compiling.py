@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from enum import EnumType
 from hashlib import sha256
 from threading import Lock
-from types import CodeType, FunctionType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -112,20 +112,32 @@ def _fingerprint(function: Callable[..., Any]) -> str:
             digest.update(code.co_code + repr((constants, code.co_names)).encode())
             cells = {} if one.__closure__ is None else zip(one.__code__.co_freevars, one.__closure__, strict=True)
             known = one.__globals__ | {name: cell.cell_contents for name, cell in dict(cells).items()}
-            for name in (*code.co_names, *code.co_freevars):
-                value = known.get(name)
+            for value in _meant(code, known):
                 if isinstance(called := _python(value), FunctionType):
                     waiting.append(called)
                 elif isinstance(value, np.ndarray):
                     digest.update(value.tobytes())
                 elif isinstance(value, (int, float, complex, tuple, str, np.generic)):
-                    digest.update(f"{name}={value!r}".encode())
+                    digest.update(repr(value).encode())
                 elif isinstance(value, EnumType):
                     members: dict[str, Any] = dict(value.__members__)
                     digest.update(repr({key: member.value for key, member in members.items()}).encode())
                 elif fields := getattr(value, "_fields", ()):  # of a NamedTuple
                     digest.update(repr(fields).encode())
     return digest.hexdigest()
+
+
+def _meant(code: CodeType, known: dict[str, Any]) -> Iterator[Any]:
+    """What the names of a code object mean, as its own globals and as attributes of modules of the same package."""
+    package = known["__name__"].partition(".")[0]
+    modules = [
+        module
+        for name in code.co_names
+        if isinstance(module := known.get(name), ModuleType) and module.__name__.partition(".")[0] == package
+    ]
+    for name in (*code.co_names, *code.co_freevars):
+        yield known.get(name)
+        yield from (getattr(module, name, None) for module in modules)
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:

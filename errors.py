@@ -12,6 +12,8 @@
     ├── ImageError            bytes that are no valid firmware      a flipped bit, a signature that is wrong
     ├── MissingExtraError     an optional package is missing    a signing key without cryptography
     ├── BenchError            what is around a device under test    a relay's program that ends with an error
+    ├── ClusterError          a cluster cannot run a sweep    other versions than here, its workers are gone
+    │   └── ClusterNotFoundError  nothing answers to its address    a wrong port, no workers
     └── DeviceError           anything between a URL and the boards
         ├── DeviceNotFoundError   nothing answers to this URL       no such scheme, nothing plugged in
         │   └── DeviceUrlError        the URL says what cannot be   a baud rate that is no number
@@ -33,6 +35,8 @@ __all__ = [
     "BenchError",
     "BlockError",
     "ChainError",
+    "ClusterError",
+    "ClusterNotFoundError",
     "CommandError",
     "DeviceAccessError",
     "DeviceError",
@@ -118,6 +122,14 @@ class MissingExtraError(PhasewireError):
 
 class BenchError(PhasewireError):
     """What is around a device under test failed: a lever that moves its power or its cable."""
+
+
+class ClusterError(PhasewireError):
+    """A cluster of Dask cannot run a sweep."""
+
+
+class ClusterNotFoundError(ClusterError):
+    """No scheduler answers at the address, or it has no workers."""
 
 
 class DeviceError(PhasewireError):

@@ -94,7 +94,7 @@ def stages(flops: float) -> Iterator[dict[str, Any]]:
     for m in (8, 32, 128, 512):
         points, engine = cloud(m), CompiledEngine(array, *_settings("tikhonov"))
         engine.drive(points)
-        re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = kernels.carve(engine._work, m, n)
+        re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans, _ = kernels.carve(engine._work, m, n)
         rows, u = len(re), engine._phases[engine._last]
         wanted, response = vectors[kernels.WANTED], vectors[kernels.RESPONSE]
         inverse, aim, rhs, y = (vectors[row] for row in (kernels.INVERSE, kernels.AIM, kernels.RHS, kernels.SOLUTION))

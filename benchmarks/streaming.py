@@ -1,7 +1,8 @@
 """What streaming costs the host, and how soon a live frame is on its way.
 
 ``make bench`` runs it after the other benchmarks, against an emulated device in this process: the emulator's own time
-is told apart. First 40 000 fresh frames a second from arrays, one for each carrier period: the host's share of a core.
+is told apart. First 40 000 fresh frames a second from arrays, one for each carrier period: the host's share of a core;
+also to four devices that play as one.
 Then frames that are solved live, 32 points each, a thousand a second by the wall clock: the time from the moment at
 which the points are there to that at which their block is handed to the bus.
 
@@ -34,7 +35,7 @@ from phasewire import Solver, TransducerArray
 from phasewire.protocol import PulseFrames
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS
 from phasewire.solver import Solution
-from told_apart import told_apart
+from told_apart import rig_told_apart, told_apart
 
 sys.path.append(str(Path(__file__).resolve().parent / "peers"))
 from usbip_line import by_usbip
@@ -55,27 +56,34 @@ AFAR_WATCHDOG_SECONDS = 2.0
 QUANTILES = {"median": 0.5, "90 %": 0.9, "99 %": 0.99, "99.9 %": 0.999, "worst": 1.0}
 
 
-def fresh_pulses(count: int) -> PulseFrames:
+def fresh_pulses(count: int, channels: int = CHANNELS) -> PulseFrames:
     """Frames of pulses at random."""
     rng = np.random.default_rng(1)
     return PulseFrames(
-        rng.integers(0, 100, (count, CHANNELS), dtype=np.uint8), rng.integers(0, 26, (count, CHANNELS), dtype=np.uint8)
+        rng.integers(0, 100, (count, channels), dtype=np.uint8), rng.integers(0, 26, (count, channels), dtype=np.uint8)
     )
 
 
-def fresh_drives(count: int) -> NDArray[np.complex128]:
-    """Frames of drives at random, (count, 320)."""
+def fresh_drives(count: int, channels: int = CHANNELS) -> NDArray[np.complex128]:
+    """Frames of drives at random, (count, channels)."""
     rng = np.random.default_rng(1)
-    magnitude, angle = rng.random((2, count, CHANNELS))
+    magnitude, angle = rng.random((2, count, channels))
     return np.asarray(magnitude * np.exp(2j * np.pi * angle))
 
 
-SOURCES = {"pulses, (k, 320)": fresh_pulses, "complex drives, (k, 320)": fresh_drives}
+RIG = 4
+SOURCES: dict[str, tuple[Callable[[int, int], Any], int]] = {
+    "pulses, (k, 320)": (fresh_pulses, 1),
+    "complex drives, (k, 320)": (fresh_drives, 1),
+    f"{RIG} devices: pulses": (fresh_pulses, RIG),
+    f"{RIG} devices: drives": (fresh_drives, RIG),
+}
 
 
-def streamed(source: Any, warm_up: Any, length: float) -> dict[str, Any]:
+def streamed(source: Any, warm_up: Any, length: float, devices: int) -> dict[str, Any]:
     """Stream an array once; seconds of wall and processor time, host's and emulator's, per second of the stream."""
-    with told_apart() as (device, bus):
+    opened: Any = told_apart() if devices == 1 else rig_told_apart(devices)
+    with opened as (device, bus):
         device.stream(warm_up, CARRIER_HZ)
         bus.forget()
         wall, processor = perf_counter(), process_time()
@@ -94,9 +102,9 @@ def from_arrays(seconds: float) -> list[dict[str, Any]]:
     """Each kind of array at the full rate, for so many seconds of the device's time: the median of a few rounds."""
     frames = round(seconds * CARRIER_HZ)
     rows = []
-    for what, make in SOURCES.items():
-        source, warm_up = make(frames), make(WARM_UP_FRAMES)
-        rounds = [streamed(source, warm_up, frames / CARRIER_HZ) for _ in range(ROUNDS)]
+    for what, (make, devices) in SOURCES.items():
+        source, warm_up = (make(count, devices * CHANNELS) for count in (frames, WARM_UP_FRAMES))
+        rounds = [streamed(source, warm_up, frames / CARRIER_HZ, devices) for _ in range(ROUNDS)]
         middle = sorted(rounds, key=lambda each: each["host"])[len(rounds) // 2]
         rows.append({"what": what, **middle, "hosts": [each["host"] for each in rounds]})
     return rows

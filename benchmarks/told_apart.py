@@ -1,4 +1,4 @@
-"""A device in this process whose emulator is told apart from its host.
+"""A device, or a rig of some, in this process, with emulators that are told apart from their host.
 
 The emulator works in calls of the bus and while time passes, so the processor time of these is the emulator's. The rest
 of the process's time is the host's: streaming, session, transport, pyusb.
@@ -13,13 +13,14 @@ from time import perf_counter, thread_time
 from typing import ParamSpec, TypeVar
 from unittest.mock import patch
 
-from phasewire import Emulator
+from phasewire import DeviceGroup, Emulator, RigDevice, TransducerArray, open_devices
+from phasewire.emulator.cluster import Cluster
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.doors.device_time import DeviceTime
 from phasewire.host.playing.device import Device, open_device
 from phasewire.protocol.codes import BLOCK_BYTES
 
-__all__ = ["Bus", "told_apart"]
+__all__ = ["Bus", "rig_told_apart", "told_apart"]
 
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")
@@ -78,6 +79,27 @@ class Bus:
 @contextmanager
 def told_apart() -> Iterator[tuple[Device, Bus]]:
     """A fresh emulated device, opened by pyusb, and its bus."""
+    with (
+        seen_bus() as bus,
+        Emulator(history_periods=HISTORY_PERIODS) as emulator,
+        open_device(emulator.url) as device,
+    ):
+        yield device, bus
+
+
+@contextmanager
+def rig_told_apart(count: int) -> Iterator[tuple[DeviceGroup, Bus]]:
+    """Emulated devices on one sync line, opened as a rig, and their bus."""
+    board = TransducerArray.grid()
+    with seen_bus() as bus, Cluster(count, history_periods=HISTORY_PERIODS) as cluster:
+        rig = [RigDevice(each.url, board.moved([0, 0, 0.1 * place])) for place, each in enumerate(cluster)]
+        with open_devices(rig) as group:
+            yield group, bus
+
+
+@contextmanager
+def seen_bus() -> Iterator[Bus]:
+    """The bus of all emulated devices of this process, watched."""
     bus = Bus()
     with ExitStack() as stack:
         for owner, name, wrap in (
@@ -87,5 +109,4 @@ def told_apart() -> Iterator[tuple[Device, Bus]]:
             (DeviceTime, "sleep", bus.counted),
         ):
             stack.enter_context(patch.object(owner, name, wrap(getattr(owner, name))))
-        emulator = stack.enter_context(Emulator(history_periods=HISTORY_PERIODS))
-        yield stack.enter_context(open_device(emulator.url)), bus
+        yield bus

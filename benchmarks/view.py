@@ -27,11 +27,11 @@ from phasewire.host.touching.loop import TouchLoop
 from phasewire.protocol.codes import Request
 from phasewire.protocol.replies import ANSWER_BYTES
 from phasewire.solver.contact.touch import Toucher
-from phasewire.view import Rig, Snapshot, View
+from phasewire.view import Emitter, Snapshot, View
 from phasewire.view.painting import Painter
 from phasewire.view.past import HISTORY_PERIODS
 from phasewire.view.settings import Settings
-from phasewire.view.tap import Tap, rig_of
+from phasewire.view.tap import Tap, emitter_of
 from touch import RATE, NullBus, Timed, null_bus, resident_bytes
 
 ARRAY = TransducerArray.grid()
@@ -68,7 +68,7 @@ def planes() -> None:
     """The field plane of a new drive, by itself."""
     drives = np.stack([solve(ARRAY, Sphere().sample()).drive] * 2)
     for name, settings in (("horizontal", Settings()), ("upright", Settings(xy=False, xz=True))):
-        painter = Painter(Rig(ARRAY))
+        painter = Painter(Emitter(ARRAY))
         for count in (1, 2):
             seconds = median(lambda: painter.paint(Snapshot(drives[:count]), settings))
             print(f"{name} plane, {count} field{'s' * (count > 1)}: {seconds * 1e3:.2f} ms")
@@ -153,7 +153,7 @@ def loop(*, watched: bool) -> dict[str, float]:
         if not watched:
             made[0].run(SECONDS)
         else:
-            with View(Rig(ARRAY)) as view, page(view):
+            with View(Emitter(ARRAY)) as view, page(view):
                 view.warm_up()
                 with Tap(device, view) as tap:
                     watching.append(tap)
@@ -198,7 +198,7 @@ def soak(hours: float) -> None:
     with (
         Emulator(history_periods=HISTORY_PERIODS) as emulator,
         open_device(emulator.url) as device,
-        View(rig_of(device, ARRAY), settings=Settings(watched=(0, 5))) as view,
+        View(emitter_of(device, ARRAY), settings=Settings(watched=(0, 5))) as view,
         page(view),
         Tap(device, view, emulator) as tap,
     ):

@@ -19,6 +19,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from ..errors import (
+    ClusterError,
+    ClusterNotFoundError,
     DeviceError,
     DeviceNotFoundError,
     DeviceUrlError,
@@ -72,6 +74,7 @@ PANELS = {
         "feel": Home(
             "feel", "Say how a shape is felt and heard, as emulated boards emit it: skin, ears, exposure, power."
         ),
+        "sweep": Home("sweep", "Measure many designs of an array: strength, spread, ghosts and audible level of each."),
         "study": Home("study", "Simulate the paper's user study: hands explore objects, and a classifier answers."),
     },
     "Play": {
@@ -241,8 +244,8 @@ def common(
 ) -> None:
     """Mid-air haptics on an ultrasonic phased array: from a shape to the skin.
 
-    Exit codes: 0 success, 1 a check failed, 2 wrong use or unusable input, 3 no such device or tracker, 4 the device or
-    tracker refused or failed, 130 Ctrl-C.
+    Exit codes: 0 success, 1 a check failed, 2 wrong use or unusable input, 3 no such device, tracker or cluster, 4 the
+    device, tracker or cluster refused or failed, 130 Ctrl-C.
     """
     with loading():
         from .settings import defaults_from_file
@@ -263,9 +266,9 @@ def exit_code(error: Exception) -> int:
     """The exit code of an error."""
     if isinstance(error, DeviceUrlError):
         return WRONG_USE
-    if isinstance(error, (DeviceNotFoundError, TrackerNotFoundError)):
+    if isinstance(error, (DeviceNotFoundError, TrackerNotFoundError, ClusterNotFoundError)):
         return NO_DEVICE
-    if isinstance(error, (DeviceError, TrackerError)):
+    if isinstance(error, (DeviceError, TrackerError, ClusterError)):
         return DEVICE_FAILED
     if isinstance(error, (ValueError, OSError, MissingExtraError)):
         return WRONG_USE

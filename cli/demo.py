@@ -72,7 +72,7 @@ def demo(
         before = perf_counter()
         solution = solver.solve(points)
         microseconds = (perf_counter() - before) * 1e6
-        told("solve", f"{len(array)} drives by weighted Tikhonov and Gerchberg–Saxton steps in {microseconds:.0f} µs")
+        told("solve", f"{len(array)} drives by weighted Tikhonov and Gauss–Newton steps in {microseconds:.0f} µs")
         status.update("sending, playing and capturing")
         with Emulator() as emulator:
             run = run_end_to_end(solution, emulator)
@@ -110,12 +110,12 @@ def demo(
 def _show(run: EndToEnd, palm: float) -> None:
     """Show what was captured on a page, until it is closed or Ctrl-C."""
     with loading():
-        from ..view import Rig, Snapshot, View
+        from ..view import Emitter, Snapshot, View
         from ..view.settings import Settings
         from ..view.snapshot import rows_of
         from ..view.tap import BITS
-    rig = Rig(run.solution.array, "phasewire demo", run.capture.wiring)
-    with View(rig, settings=Settings(xy_at=palm), embedded=False) as page, suppress(KeyboardInterrupt):
+    emitter = Emitter(run.solution.array, "phasewire demo", run.capture.wiring)
+    with View(emitter, settings=Settings(xy_at=palm), embedded=False) as page, suppress(KeyboardInterrupt):
         page.show(Snapshot(run.rebuilt[None], source=BITS, points=rows_of(run.solution.points)))
         opened_page(page)
         error_console().print("It ends when the page is closed, or with Ctrl-C")

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
+from ..errors import DeviceError
 from ..host.lines.opening import DEFAULT_URL
 from ..host.playing.device import open_device
+from ..host.playing.lanes import naming
+from ..host.playing.rig import RigDevice, read_rig
 from ..protocol.codes import Request
 from ..protocol.plain import flag_names, plain
 from ..protocol.replies import Info, Status
 from ..protocol.requests import VALUES
 from ..protocol.versions import Version
 from ..storage import check_outputs
-from .console import JsonOption, console_for, write_json
-from .options import DeviceOption, command_for, note_where_fresh
+from .console import JsonOption, console_for, error_console, write_json
+from .options import DeviceOption, command_for, note_where_fresh, rig_file
+from .rigs import show_rig
 
 __all__ = ["commands"]
 
@@ -34,13 +39,34 @@ def _tell(json_target: str | None, command: str, name: str, said: str, status: S
 
 @commands.command(epilog="Example: phasewire stop --device usb:")
 def stop(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
-    """Turn all outputs of a device off."""
+    """Turn all outputs of a device off, or of all devices of a rig that can be reached."""
     check_outputs([json_target])
     note_where_fresh(device)
+    rig = rig_file(device)
+    if rig is not None:
+        _stop_all(read_rig(rig), json_target)
+        return
     with open_device(device) as opened:
         opened.stop()
         status = opened.status()
     _tell(json_target, "stop", opened.name, ": the outputs are off.", status)
+
+
+def _stop_all(members: Sequence[RigDevice], json_target: str | None) -> None:
+    """Turn the outputs of all devices of a rig off, even if some cannot be reached."""
+    out, told, failure = console_for(json_target), list[dict[str, Any]](), None
+    for member in members:
+        try:
+            with naming(member.name), open_device(member.url) as opened:
+                opened.stop()
+                told.append({"device": opened.name, "status": plain(opened.status())})
+            out.print(f"{member.name}: {opened.name}: the outputs are off.")
+        except DeviceError as error:
+            error_console().print(f"warning: {error}", style="yellow")
+            failure = failure or error
+    write_json(json_target, {"format": "phasewire-stop-1", "devices": told})
+    if failure is not None:
+        raise failure
 
 
 def _versions(what: Info) -> str:
@@ -53,6 +79,10 @@ def _versions(what: Info) -> str:
 def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
     """Show a device's description and its state."""
     check_outputs([json_target])
+    rig = rig_file(device)
+    if rig is not None:
+        show_rig(rig, json_target)
+        return
     with open_device(device, observe=True) as opened:
         what, status = opened.info, opened.status()
     outputs = f"{'enabled' if status.enabled else 'off'} ({status.state.name})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,10 +14,11 @@ from ..host.finding.computer_checks import udev_rule
 from ..host.finding.discovery import search
 from ..host.finding.doctor import CHECKS, FOUND, examine
 from ..host.finding.findings import CheckVerdict
-from ..host.lines.opening import URL_VARIABLE
+from ..host.lines.opening import URL_VARIABLE, refuse_rig
 from ..storage import check_outputs
 from .completion import device_urls
 from .console import JsonOption, console_for, error_console, write_json
+from .rigs import show_rig
 from .telling import as_record, count, failed, tell
 
 __all__ = ["commands"]
@@ -27,12 +29,21 @@ CHECK_FAILED, NO_DEVICE = 1, 3
 
 
 @commands.command(epilog="Example: phasewire devices --json -")
-def devices(json_target: JsonOption = None) -> None:
+def devices(
+    rig: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Show the devices of this rig file as one array (docs/how-to/rigs.md)."),
+    ] = None,
+    json_target: JsonOption = None,
+) -> None:
     """List the devices that can be found, on USB and on serial lines.
 
-    Exit code 3 if there are none. The URL emulator: always works, and is not listed.
+    Exit code 3 if there are none, or one of the rig is missing. The URL emulator: always works, and is not listed.
     """
-    check_outputs([json_target])
+    check_outputs([json_target], inputs=[] if rig is None else [rig])
+    if rig is not None:
+        show_rig(rig, json_target)
+        return
     found, failures = search()
     for scheme, why in failures.items():
         error_console().print(f"warning: {scheme}: {why}", style="yellow")
@@ -90,6 +101,7 @@ def doctor(
     if udev:
         typer.echo(udev_rule(), nl=False)
         return
+    refuse_rig(device or "")
     findings = []
     for finding in examine(device, play=play):
         findings.append(finding)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import shlex
+import warnings
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ..host.lines.opening import DEFAULT_URL, URL_VARIABLE
+from ..host.lines.opening import RIG, URL_VARIABLE, is_fresh
 from ..host.playing.calibration import Calibration
+from ..host.playing.device import open_device
+from ..host.playing.group import AnyDevice, open_devices
+from ..host.playing.rig import read_rig
 from .completion import device_urls
 from .console import error_console
 
@@ -21,9 +25,10 @@ __all__ = [
     "PoseOption",
     "SecondsOption",
     "command_for",
-    "is_fresh",
     "load_calibration",
     "note_where_fresh",
+    "open_any",
+    "rig_file",
 ]
 
 MOST_SECONDS = 1e9
@@ -38,7 +43,8 @@ DeviceOption = Annotated[
         envvar=URL_VARIABLE,
         help="emulator: (a fresh emulated device; emulator:?door=serial by its UART), usb: (the only one plugged in), "
         "usb:SERIAL (or a part of it), usb:VVVV:PPPP (with these numbers), usbip:HOST:PORT (of a USB/IP server), "
-        "serial:///dev/ttyACM0, socket://HOST:PORT or rfc2217://HOST:PORT; `phasewire devices` lists what is there.",
+        "serial:///dev/ttyACM0, socket://HOST:PORT or rfc2217://HOST:PORT; `phasewire devices` lists what is there. "
+        "show, stream, play, stop and info also take rig:FILE, several devices as one (docs/how-to/rigs.md).",
         autocompletion=device_urls,
     ),
 ]
@@ -71,9 +77,32 @@ def load_calibration(path: Path | None) -> Calibration | None:
     return None if path is None else Calibration.load(path)
 
 
-def is_fresh(url: str) -> bool:
-    """Whether a URL means an emulated device that only exists during this process."""
-    return url.partition("?")[0] == DEFAULT_URL
+def rig_file(url: str) -> Path | None:
+    """The rig file that a URL names, None for the URL of one device."""
+    return Path(url.removeprefix(RIG)) if url.startswith(RIG) else None
+
+
+def open_any(url: str, calibration: Path | None) -> AnyDevice:
+    """Open the device that a URL names, or the devices of a rig; people are told of what is odd about these.
+
+    Raises
+    ------
+    ValueError
+        If a calibration is given for a rig.
+    InputFileError, DeviceError
+        As `read_rig`, `open_devices` and `open_device`.
+    """
+    path = rig_file(url)
+    if path is None:
+        return open_device(url, calibration=load_calibration(calibration))
+    if calibration is not None:
+        raise ValueError(f"--calibration is for one device; in {path} each device names its own")
+    with warnings.catch_warnings(record=True) as odd:
+        warnings.simplefilter("always")
+        group = open_devices(read_rig(path))
+    for each in odd:
+        error_console().print(f"warning: {each.message}", style="yellow")
+    return group
 
 
 def command_for(command: str, url: str) -> str:

@@ -9,6 +9,7 @@ import math
 import shlex
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -18,10 +19,9 @@ from rich.control import Control
 from rich.segment import ControlType
 
 from ..errors import DeviceError
-from ..host.lines.opening import DEFAULT_URL
+from ..host.lines.opening import DEFAULT_URL, is_fresh
 from ..host.playing.calibration import Calibration
 from ..host.playing.cycles import play_cycle
-from ..host.playing.device import Device, open_device
 from ..host.playing.envelopes import sine
 from ..host.playing.frames import (
     Frames,
@@ -32,12 +32,12 @@ from ..host.playing.frames import (
     limited_frames,
     to_pulses,
 )
+from ..host.playing.group import AnyDevice, DeviceGroup
 from ..host.playing.limiting import TurnedDown
 from ..host.playing.recording import SUFFIX, Recording, record
 from ..host.playing.streaming import LOOK_AHEAD_SECONDS, StreamReport
 from ..protocol.board import CARRIER_HZ
 from ..protocol.plain import plain
-from ..protocol.replies import Info
 from ..solver import Cycle, Medium, Outline, Renderer, TransducerArray
 from ..solver.methods.methods import METHODS
 from ..solver.rendering.cycle import MOST_FRAMES
@@ -54,9 +54,10 @@ from .options import (
     ForeverOption,
     SecondsOption,
     command_for,
-    is_fresh,
     load_calibration,
     note_where_fresh,
+    open_any,
+    rig_file,
 )
 from .points import ArrayOption, files_in, load_array, read_outline, shapes_and_files
 from .rendering import RENDER_HELP, SQUARE, RenderOption
@@ -128,8 +129,13 @@ SpinOption = Annotated[
 ]
 
 
-def array_of(what: Info, own: TransducerArray | None = None) -> TransducerArray:
+def array_of(device: AnyDevice, own: TransducerArray | None = None) -> TransducerArray:
     """The transducers of a device, or those of a file, with a warning if they differ; `ValueError` if not as many."""
+    if isinstance(device, DeviceGroup):
+        if own is not None:
+            raise ValueError("--array has no effect on a rig: its file says where the transducers are; leave it out")
+        return device.array
+    what = device.info
     if own is None:
         return TransducerArray.grid(what.columns, what.rows, what.pitch)
     if len(own) != what.channels:
@@ -137,24 +143,41 @@ def array_of(what: Info, own: TransducerArray | None = None) -> TransducerArray:
             f"--array has {len(own)} transducers, but the device has {what.channels}; it must have one for each "
             "channel, in their order"
         )
-    warn_of_differences("--array", own, None, what)
+    warn_of_differences("--array", own, None, device)
     return own
 
 
-def check_fit(name: str, source: Source, what: Info) -> None:
+def check_fit(name: str, source: Source, device: AnyDevice) -> None:
     """Raise `ValueError` if frames of a source of this name are for another number of transducers than a device has."""
-    channels = source.channels
-    if channels not in (None, what.channels):
+    if isinstance(device, DeviceGroup):
+        there, has = len(device.array), f"the rig's {len(device)} devices have"
+        layout = ""
+    else:
+        what = device.info
+        there, has = what.channels, "the device has"
+        layout = f" ({what.columns} × {what.rows}, {what.pitch * 1e3:g} mm apart)"
+    if source.channels not in (None, there):
         raise ValueError(
-            f"{name} is for {channels} transducers, but the device has {what.channels} ({what.columns} × {what.rows}, "
-            f"{what.pitch * 1e3:g} mm apart); solve it again for an array of {what.channels}"
+            f"{name} is for {source.channels} transducers, but {has} {there}{layout}; solve it again for an array of "
+            f"{there}"
         )
 
 
-def warn_of_differences(name: str, array: TransducerArray | None, medium: Medium | None, what: Info) -> None:
+def warn_of_differences(name: str, array: TransducerArray | None, medium: Medium | None, device: AnyDevice) -> None:
     """Warn if the device differs from the one that the named source was made for."""
-    for difference in differences(array, medium, what):
+    if isinstance(device, DeviceGroup):
+        found = differences(array, medium, device.devices[0].info, device.array)
+    else:
+        found = differences(array, medium, device.info)
+    for difference in found:
         error_console().print(f"warning: {name} was made for something else: {difference}", style="yellow")
+
+
+def check_single(url: str, **wanted: bool) -> None:
+    """Raise `ValueError` if an option is wanted that only one device has, and a URL names a rig."""
+    for option, is_wanted in wanted.items():
+        if is_wanted and rig_file(url) is not None:
+            raise ValueError(f"--{option} is for one device, not for a rig; leave it out")
 
 
 def frames_in(source: Source, seconds: float | None, rate: float) -> int | None:
@@ -214,10 +237,11 @@ def show(
         check_options(context, str(file), source)
         if source.still is None:
             raise ValueError(f"{file} holds many frames; `phasewire stream {shlex.quote(str(file))}` plays them")
-    with open_device(device, calibration=load_calibration(calibration)) as opened:
-        check_fit(str(file), source, opened.info)
-        warn_of_differences(str(file), source.array, source.medium, opened.info)
-        ack = opened.show(to_pulses(source.still, opened.calibration, opened.info.channels))  # pulses are not compared
+    with open_any(device, calibration) as opened:
+        check_fit(str(file), source, opened)
+        warn_of_differences(str(file), source.array, source.medium, opened)
+        still = to_pulses(source.still, opened.calibration, len(array_of(opened)))  # pulses are not compared
+        ack = opened.show(still)
         message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
         error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"))
         with suppress(KeyboardInterrupt) if forever else nullcontext():
@@ -275,6 +299,7 @@ def stream(
 ) -> None:
     """Play frames at a rate; the help above has the details."""
     check_outputs([json_target], inputs=[*files_in(source), *listener_files(listeners)])
+    check_single(device, view=view, reconnect=reconnect)
     own = load_array(array)
     envelope = sine(modulation) if modulation and render is None else None
     meter = Meter(error_console())
@@ -287,10 +312,11 @@ def stream(
             error_console().print(f"{source} was rendered and is modulated already; the device leaves it as it is")
         with ExitStack() as stack:
             url, emulator = stack.enter_context(viewed_device(device, wanted=view))
-            opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
-            check_fit(source, what, opened.info)
-            warn_of_differences(source, what.array, what.medium, opened.info)
-            transducers = array_of(opened.info, own)
+            opened = open_any(url, calibration)
+            stack.enter_context(opened)
+            check_fit(source, what, opened)
+            warn_of_differences(source, what.array, what.medium, opened)
+            transducers = array_of(opened, own)
             down = TurnedDown(limiter(transducers, max_exposure, listeners))
             if interpolate and opened.most_updates_per_second < CARRIER_HZ:
                 raise ValueError(
@@ -316,14 +342,8 @@ def stream(
                 meter.watch = watch.progress
             told = {"format": "phasewire-stream-1", "device": opened.name, "status": None, "error": None}
             try:
-                opened.stream(
-                    frames,
-                    pace,
-                    look_ahead=look_ahead,
-                    envelope=envelope,
-                    reconnect=reconnect,
-                    on_progress=meter,
-                )
+                play = opened.stream if isinstance(opened, DeviceGroup) else partial(opened.stream, reconnect=reconnect)
+                play(frames, pace, look_ahead=look_ahead, envelope=envelope, on_progress=meter)
             except KeyboardInterrupt:
                 if not forever:
                     raise
@@ -382,18 +402,20 @@ def play(
         raise ValueError("--unattended does not wait: --forever and --seconds have no effect with it; leave them out")
     if render is not None:
         check_render(context, "modulation")
-    outline, own, corrected = read_outline(source), load_array(array), load_calibration(calibration)
+    check_single(device, view=view)
+    outline, own = read_outline(source), load_array(array)
     if unattended and view:
         raise ValueError("--unattended does not wait for a page: leave out --view")
     if unattended:
         note_where_fresh(device)
     with ExitStack() as stack:
         url, emulator = stack.enter_context(viewed_device(device, wanted=view))
-        opened = open_device(url, calibration=corrected)
+        opened = open_any(url, calibration)
         stack.enter_context(leaving_on(opened) if unattended else opened)
-        transducers = array_of(opened.info, own)
+        transducers = array_of(opened, own)
         way = f"{SQUARE},frequency={modulation}" if render is None else render
-        cycle = rendered(transducers, way, method, outline, opened.info.slots)
+        slots = opened.slots if isinstance(opened, DeviceGroup) else opened.info.slots
+        cycle = rendered(transducers, way, method, outline, slots)
         watch = stack.enter_context(watching(opened, transducers, emulator, wanted=view))
         limit = limiter(transducers, max_exposure, listeners)
         ack, steps, gain = play_cycle(opened, cycle, unattended=unattended, limit=limit)
@@ -551,7 +573,7 @@ def check_render(context: typer.Context, *options: str) -> None:
 
 
 @contextmanager
-def leaving_on(device: Device) -> Iterator[Device]:
+def leaving_on(device: AnyDevice) -> Iterator[AnyDevice]:
     """A device that keeps playing after success."""
     try:
         yield device

@@ -6,10 +6,11 @@ import contextlib
 import dataclasses
 import math
 import textwrap
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, cast, get_args
 
 import numpy as np
 import typer
@@ -18,6 +19,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from ..pictures import FORMATS
+from ..solver.accelerated.devices import Backend
 from ..solver.acoustics.array import COLUMNS, PITCH, ROWS, TransducerArray
 from ..solver.acoustics.medium import Medium
 from ..solver.acoustics.propagation import pressure
@@ -286,6 +288,9 @@ def field(
     quantity: Annotated[
         str, typer.Option(help=f"The quantity of a picture: {', '.join(DRAWN)}.", autocompletion=among(DRAWN))
     ] = DRAWN[0],
+    backend: Annotated[
+        str, typer.Option(help="cpu, or cuda for a GPU, if there is one.", autocompletion=among(get_args(Backend)))
+    ] = "cpu",
     json_target: JsonOption = None,
 ) -> None:
     """Compute the field of a solved file over a plane or a box, as a picture or as numbers.
@@ -303,8 +308,13 @@ def field(
         step = 2e-3 if plane == "box" else 1e-3
     grid = field_grid(solution, plane, at, extent, step)
     sample = sample_volume if grid.kind == "box" else sample_cut
-    with error_console().status("computing the field"):
-        result: PlaneField | VolumeField = sample(solution.array, solution.drive, grid, solution.medium)
+    with error_console().status("computing the field"), warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("default")
+        result: PlaneField | VolumeField = sample(
+            solution.array, solution.drive, grid, solution.medium, cast("Backend", backend)
+        )
+    for warning in heard:
+        error_console().print(f"warning: {warning.message}", style="yellow")
     if output.suffix.lower() == NUMBERS:
         save_field(output, result)
     elif output.suffix.lower() == VTK:

@@ -216,7 +216,7 @@ def touch(
         opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
         source = stack.enter_context(_opened_hands(hand, opened, placed, view))
         warn_of_notes(source)
-        transducers = array_of(opened.info, own)
+        transducers = array_of(opened, own)
         seen: list[Callable[[TouchMoment], None]] = [best] if picture or timeline else []
         if recording is not None:
             seen.append(stack.enter_context(TouchLog(recording, source.rate, way, hand, placed)))

@@ -37,7 +37,7 @@ with loading():
     from ..view.settings import HandSetting, Settings
     from ..view.shelf import Shelf
     from ..view.studio import Studio
-    from ..view.tap import rig_of
+    from ..view.tap import emitter_of
     from ..view.view import View
 
 __all__ = ["commands"]
@@ -139,7 +139,7 @@ def view(
         _check_recording(context, named)
         with (
             open_tape(Path(named[0]), own) as tape,
-            View(tape.rig, tape=tape, settings=tape.settings, **serving) as page,
+            View(tape.emitter, tape=tape, settings=tape.settings, **serving) as page,
         ):
             _show(page, lambda over: tape.run(page, over), time.monotonic, save, seconds, browser)
         write_json(json_target, told)
@@ -150,7 +150,7 @@ def view(
         url, emulator = stack.enter_context(viewed_device(device))
         opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
         emulator = emulator or open_emulator(opened.serial)
-        transducers = array_of(opened.info, own)
+        transducers = array_of(opened, own)
         moved = HandSetting() if hand == MOUSE else None
         source = stack.enter_context(closing(_hands(hand, moved, placed)))
         warn_of_notes(source)
@@ -160,7 +160,7 @@ def view(
         )
         with error_console().status("loading what is compiled; the first time this takes a minute"):
             studio.warm_up()
-        page = stack.enter_context(View(rig_of(opened, transducers), settings=settings, director=studio, **serving))
+        page = stack.enter_context(View(emitter_of(opened, transducers), settings=settings, director=studio, **serving))
         page.warm_up()
         _show(page, lambda over: studio.run(page, over), opened.time.monotonic, save, seconds, browser)
         told |= {"device": opened.name, "status": plain(opened.status())}

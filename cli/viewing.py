@@ -9,11 +9,11 @@ from urllib.parse import parse_qsl, urlencode
 
 import typer
 
-from ..host.playing.device import Device
+from ..host.lines.opening import is_fresh
+from ..host.playing.group import AnyDevice, DeviceGroup
 from ..signals import loading
 from ..solver import TransducerArray
 from .console import error_console
-from .options import is_fresh
 
 if TYPE_CHECKING:
     from ..emulator import Emulator
@@ -51,10 +51,10 @@ def viewed_device(url: str, *, wanted: bool = True) -> Iterator[tuple[str, Emula
 
 @contextmanager
 def watching(
-    device: Device, array: TransducerArray, emulator: Emulator | None, *, wanted: bool
+    device: AnyDevice, array: TransducerArray, emulator: Emulator | None, *, wanted: bool
 ) -> Iterator[Watch | None]:
-    """A watch over a device whose page is open, None if it is not wanted."""
-    if not wanted:
+    """A watch over a device whose page is open, None if it is not wanted; a rig has none."""
+    if not wanted or isinstance(device, DeviceGroup):
         yield None
         return
     with loading():

@@ -11,6 +11,7 @@ from __future__ import annotations
 from .air import Playback
 from .emission import EmittedWaves, emitted_waves
 from .end_to_end import Check, EndToEnd, run_end_to_end
+from .rig_run import RigRun, run_rig
 from .sensing import Sensation, sense
 from .touching import TouchRun, run_touch
 
@@ -19,10 +20,12 @@ __all__ = [
     "EmittedWaves",
     "EndToEnd",
     "Playback",
+    "RigRun",
     "Sensation",
     "TouchRun",
     "emitted_waves",
     "run_end_to_end",
+    "run_rig",
     "run_touch",
     "sense",
 ]

@@ -25,9 +25,9 @@ from ..protocol.board import (
 from ..protocol.pulses import Pulses
 from ..protocol.replies import Ack
 from ..protocol.wiring import Wiring
-from ..solver import PlaneField, Solution, pressure, sample_plane, transfer_matrix
+from ..solver import PlaneField, Solution, TransducerArray, pressure, sample_plane, transfer_matrix
 
-__all__ = ["Check", "EndToEnd", "emission", "nearest_emission", "run_end_to_end"]
+__all__ = ["Check", "EndToEnd", "emission", "emission_checks", "nearest_emission", "run_end_to_end"]
 
 PERIODS_WATCHED = 4
 NUMERICAL = 1e-9  # of full drive: double precision over the whole path loses less than a millionth of this bound
@@ -119,16 +119,8 @@ class EndToEnd:
 
     def checks(self) -> list[Check]:
         """All requirements; the verdict is good if all are met."""
-        intended, rebuilt = self.solution.drive, self.rebuilt
         boundary = self.ack.commit_period * TICKS_PER_PERIOD
         before = self.capture.bits(max(0, boundary - TICKS_PER_PERIOD), boundary)
-        explained = np.abs(self.nearest - intended)
-        matrix = np.abs(transfer_matrix(self.solution.array, self.solution.points.positions, self.solution.medium))
-        at_points = self.pressures(intended)
-        error = np.abs(self.pressures(rebuilt) - at_points)
-        allowed = matrix @ (explained + NUMERICAL)
-        worst = int((error / allowed).argmax())
-        percent = 100 / np.abs(at_points).max()
         return [
             Check(
                 "processors off their tick",
@@ -137,19 +129,7 @@ class EndToEnd:
                 f"of {PROCESSORS}",
             ),
             Check("outputs high before that tick", int(np.bitwise_count(before).sum()), 0, "bits"),
-            Check(
-                "drive error beyond quantisation",
-                float((np.abs(rebuilt - intended) - explained).max()),
-                NUMERICAL,
-                "of full drive",
-            ),
-            # If every drive is right the pressure must be within this, however the errors of quantisation add up.
-            Check(
-                "pressure error, worst point",
-                float(error[worst] * percent),
-                float(allowed[worst] * percent),
-                "% of strongest",
-            ),
+            *emission_checks(self.solution, self.rebuilt, self.nearest),
         ]
 
     @property
@@ -171,6 +151,48 @@ class EndToEnd:
             "latch_ticks": self.latch_ticks,
             "captured_periods": self.capture.periods,
         }
+
+
+def emission_checks(
+    solution: Solution,
+    rebuilt: NDArray[np.complex128],
+    nearest: NDArray[np.complex128],
+    built: TransducerArray | None = None,
+) -> list[Check]:
+    """The requirements on what was emitted, and on what arrives.
+
+    Parameters
+    ----------
+    solution : Solution
+        The intended drive and its control points.
+    rebuilt, nearest : (n,) complex
+        The drive as emitted, and as quantisation alone explains it.
+    built : TransducerArray, optional
+        Where the transducers really are; by default where the solution has them.
+    """
+    intended = solution.drive
+    explained = np.abs(nearest - intended)
+    points, medium = solution.points.positions, solution.medium
+    at_points = pressure(solution.array, intended, points, medium)
+    error = np.abs(pressure(solution.array if built is None else built, rebuilt, points, medium) - at_points)
+    allowed = np.abs(transfer_matrix(solution.array, points, medium)) @ (explained + NUMERICAL)
+    worst = int((error / allowed).argmax())
+    percent = 100 / np.abs(at_points).max()
+    return [
+        Check(
+            "drive error beyond quantisation",
+            float((np.abs(rebuilt - intended) - explained).max()),
+            NUMERICAL,
+            "of full drive",
+        ),
+        # If every drive is right the pressure must be within this, however the errors of quantisation add up.
+        Check(
+            "pressure error, worst point",
+            float(error[worst] * percent),
+            float(allowed[worst] * percent),
+            "% of strongest",
+        ),
+    ]
 
 
 def emission(bits: NDArray[np.uint32], wiring: Wiring) -> NDArray[np.complex128]:

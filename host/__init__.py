@@ -14,13 +14,16 @@ from .playing.calibration import Calibration
 from .playing.device import Device, open_device
 from .playing.envelopes import Envelope, sine
 from .playing.frames import Frame, Frames, FrameSource, solved
+from .playing.group import DeviceGroup, open_devices
 from .playing.recording import Recording, record
+from .playing.rig import RigDevice, read_rig
 from .playing.streaming import StreamReport
 
 __all__ = [
     "AsyncDevice",
     "Calibration",
     "Device",
+    "DeviceGroup",
     "Envelope",
     "Found",
     "Frame",
@@ -31,6 +34,7 @@ __all__ = [
     "PlacedHands",
     "Pose",
     "Recording",
+    "RigDevice",
     "Scheme",
     "StreamReport",
     "Timekeeper",
@@ -38,7 +42,9 @@ __all__ = [
     "Transport",
     "open_device",
     "open_device_async",
+    "open_devices",
     "open_hands",
+    "read_rig",
     "record",
     "sine",
     "solved",

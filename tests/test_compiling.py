@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 from threading import Thread
+from types import ModuleType
 from typing import Any
 
 import numba
@@ -60,13 +61,19 @@ def add(x):
     ],
     ids=["constant", "enum", "code", "name", "fields"],
 )
-def test_the_fingerprint_covers_all_parts_of_a_kernel(change: tuple[str, str]) -> None:
+@pytest.mark.parametrize(
+    "expression", ["FACTOR * add(x) + Reason.GOOD", "parts.FACTOR * parts.add(x) + parts.Reason.GOOD"]
+)
+def test_the_fingerprint_covers_all_parts_of_a_kernel(change: tuple[str, str], expression: str) -> None:
     """Every part from another file changes the fingerprint; without a change it stays."""
 
     def fingerprint(source: str) -> str:
         there: dict[str, Any] = {"__name__": "pieces"}
-        exec(source + "\n\ndef whole(x):\n    return FACTOR * add(x) + Reason.GOOD\n", there)
-        return _fingerprint(there["whole"])
+        exec(source, there)
+        module = ModuleType("pieces.parts")
+        vars(module).update(there)
+        exec(f"def whole(x):\n    return {expression}\n", there | {"parts": module}, places := dict[str, Any]())
+        return _fingerprint(places["whole"])
 
     assert PIECES.count(change[0]) == 1
     assert fingerprint(PIECES) == fingerprint(PIECES)

@@ -48,6 +48,7 @@ def test_the_python_of_the_first_steps_runs(capsys: pytest.CaptureFixture[str]) 
     assert points > arcs > 0
 
 
+@pytest.mark.filterwarnings("ignore:backend 'cuda' is replaced by 'cpu'")
 @pytest.mark.parametrize(
     ("name", "count"),
     [
@@ -56,6 +57,7 @@ def test_the_python_of_the_first_steps_runs(capsys: pytest.CaptureFixture[str]) 
         ("reference/faults.md", 1),
         ("how-to/flashing.md", 1),
         ("how-to/host.md", 3),
+        ("how-to/rigs.md", 1),
         ("how-to/conformance.md", 2),
         ("how-to/hands.md", 3),
         ("how-to/view.md", 1),
@@ -66,6 +68,8 @@ def test_the_python_of_the_first_steps_runs(capsys: pytest.CaptureFixture[str]) 
         ("explanation/quiet-and-safe.md", 1),
         ("explanation/skin.md", 1),
         ("how-to/feel.md", 1),
+        ("how-to/sweeps.md", 1),
+        ("how-to/gpu.md", 1),
         ("how-to/xs1.md", 1),
     ],
 )

@@ -42,6 +42,8 @@ def test_an_extra_comes_from_where_phasewire_came(
         ("pytest", "conformance", ["conformance", "--list"]),
         ("cryptography", "signing", ["flash", "plain.dfu", "--key", "key.pem"]),
         ("trimesh", "meshes", ["touch", "cube.stl", "--seconds", "1"]),
+        ("pyarrow", "scale", ["sweep", "designs.csv", "-o", "r.parquet"]),
+        ("distributed", "scale", ["sweep", "designs.csv", "-o", "r.parquet"]),
         ("mediapipe", "video", ["touch", "sphere", "--hand", "camera:0"]),
         ("mediapipe", "video", ["tracker", "video:cube.stl"]),
     ],
@@ -57,6 +59,7 @@ def test_a_command_without_its_extra_says_what_to_install(
     monkeypatch.chdir(tmp_path)
     for name in ("plain.dfu", "key.pem", "cube.stl"):
         Path(name).write_text("solid a\nendsolid a\n")
+    Path("designs.csv").write_text("source\nstar\n")
     for module in [name for name in sys.modules if name.partition(".")[0] == package]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, package, None)
@@ -64,4 +67,4 @@ def test_a_command_without_its_extra_says_what_to_install(
     assert done.code == 2
     assert f"needs the package {package}" in " ".join(done.err.split())
     assert install_command(extra) in " ".join(done.err.split())
-    assert {path.name for path in tmp_path.iterdir()} == {"plain.dfu", "key.pem", "cube.stl"}
+    assert {path.name for path in tmp_path.iterdir()} == {"plain.dfu", "key.pem", "cube.stl", "designs.csv"}

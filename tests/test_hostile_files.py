@@ -14,13 +14,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from phasewire import read_mesh, read_volume_mesh
+from phasewire import read_mesh, read_rig, read_volume_mesh
 from phasewire.cli.sources import spoken
 from phasewire.emulator.firmware.flash import Flash
 from phasewire.emulator.scenario import read_scenario
 from phasewire.errors import ImageError, InputFileError
 from phasewire.hil.conformance.sight.sigrok import SessionFile
 from phasewire.hil.conformance.tables import read_table
+from phasewire.hil.sweep.files import read_sweep
+from phasewire.hil.sweep.results import read_results
 from phasewire.host.firmware.images import read_image
 from phasewire.host.firmware.keys import read_private_key, read_public_keys
 from phasewire.host.hands.leap_recording import read_leap_recording
@@ -38,10 +40,14 @@ from phasewire.xs1.assembler import AssemblySource
 READERS: dict[str, Callable[[FilePath], object]] = {
     "settings.toml": read_toml,
     "scenario.toml": read_scenario,
+    "sweep.toml": read_sweep,
+    "designs.csv": read_sweep,
+    "results.parquet": read_results,
     "profile.toml": read_table,
     "points.csv": read_points,
     "transducers.csv": read_transducers,
-    "rig.toml": read_transducers,
+    "panels.toml": read_transducers,
+    "rig.toml": read_rig,
     "points.txt": read_points,
     "points.json": read_points,
     "calibration.csv": Calibration.load,
@@ -122,7 +128,7 @@ def test_a_folder(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["solved.npz", "array.npy", "circle.frames", "wave.hands", "capture.sr", "aperture.png"]
+    "name", ["solved.npz", "results.parquet", "array.npy", "circle.frames", "wave.hands", "capture.sr", "aperture.png"]
 )
 def test_a_pipe_without_a_writer(name: str, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / name)
@@ -132,7 +138,7 @@ def test_a_pipe_without_a_writer(name: str, tmp_path: Path) -> None:
 # Text
 
 
-@pytest.mark.parametrize("name", ["settings.toml", "scenario.toml", "profile.toml", "pose.toml"])
+@pytest.mark.parametrize("name", ["settings.toml", "scenario.toml", "sweep.toml", "profile.toml", "pose.toml"])
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -82,8 +82,8 @@ def test_examples_in_docstrings_run(path: Path) -> None:
 @pytest.mark.parametrize(
     ("module", "slow"),
     [
-        ("commands", ("numba", "matplotlib", "cryptography", "dpkt", "scipy", "numpy", "rich.table")),
-        ("solving", ("numba", "matplotlib", "phasewire.host", "phasewire.protocol")),
+        ("commands", ("numba", "matplotlib", "cryptography", "dpkt", "scipy", "numpy", "rich.table", "jax")),
+        ("solving", ("numba", "matplotlib", "phasewire.host", "phasewire.protocol", "jax")),
     ],
 )
 def test_importing_the_package_imports_no_slow_module(module: str, slow: tuple[str, ...]) -> None:

@@ -39,6 +39,10 @@ from phasewire.hil.picture import save_end_to_end_picture
 from phasewire.hil.sensing import sense, skin_over
 from phasewire.hil.sensing_picture import save_sensation_picture
 from phasewire.hil.study.picture import draw_study
+from phasewire.hil.sweep.design import FIELDS
+from phasewire.hil.sweep.measures import MEASURES
+from phasewire.hil.sweep.picture import draw_sweep
+from phasewire.hil.sweep.results import Results
 from phasewire.hil.touch_latency import draw_touch_latency, measure_touch_latency
 from phasewire.hil.touch_picture import save_touch_picture
 from phasewire.pictures import COLUMN, LANDSCAPE
@@ -119,6 +123,21 @@ def felt(ways: int) -> None:
         save_sensation_picture(FILE, found, "circle:radius=0.02: felt and heard, by the bits of emulated boards")
 
 
+def swept() -> Figure:
+    """Every field with a number and two texts, as many as can be drawn; a row has a problem."""
+    rows = 4 * 200
+    columns: dict[str, list[object]] = {name: [None] * rows for name in FIELDS}
+    for number, name in enumerate(("columns", "pitch_mm", "tolerance_mm", "temperature_c", "phase_error_deg", "seed")):
+        columns[name] = [row // (number + 1) % (3 + number) for row in range(rows)]
+    columns["quantisation"] = [("none", "pulses", "4")[row % 3] for row in range(rows)]
+    columns["method"] = [("wgs", "min_norm", "multiplex", "tikhonov")[row % 4] for row in range(rows)]
+    rng = np.random.default_rng(0)
+    columns |= {name: (1000 * rng.random(rows)).tolist() for name in MEASURES}
+    columns["problem"] = [None] * (rows - 1) + ["LinAlgError: Singular matrix"]
+    columns["strength_pa"][-1] = None
+    return draw_sweep(Results("", columns), "A sweep of made-up numbers")
+
+
 def figure_7() -> Figure:
     names = ("multiplex", "min_norm", "tikhonov", "tikhonov two-sided", "wgs", "wgs two-sided", "paper")
     times = [Timing(name, 2**n, 1e-5 * (1 + at) * 2**n) for at, name in enumerate(names) for n in range(10)]
@@ -150,6 +169,7 @@ PICTURES: dict[str, tuple[Callable[[], object], float]] = {
     "figure 7": (figure_7, COLUMN),
     "range": (lambda: draw_range(reproduce_range()), COLUMN),
     "ring up": (lambda: runpy.run_path(str(ROOT / "examples" / "ring_up.py")), COLUMN),
+    "sweep": (swept, LANDSCAPE),
     "study": (lambda: draw_study(made_up()), COLUMN),
     "timeline": (lambda: draw_timeline(way_of_an_update(Emulator()), "One update"), LANDSCAPE),
     "touch": (touched, LANDSCAPE),

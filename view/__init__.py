@@ -8,10 +8,10 @@ snapshot of it, the view's thread paints it, and the server's thread sends the n
 
 from __future__ import annotations
 
-from .snapshot import Rig, Snapshot
+from .snapshot import Emitter, Snapshot
 from .view import View
 
-__all__ = ["Rig", "Snapshot", "View"]
+__all__ = ["Emitter", "Snapshot", "View"]
 
 
 def __dir__() -> list[str]:

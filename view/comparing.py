@@ -9,7 +9,7 @@ from ..protocol.quantise import quantise
 from ..solver import ControlPoints, TwoSidedSolver
 from .painting import Complex, Painter
 from .settings import Settings
-from .snapshot import Rig, Snapshot
+from .snapshot import Emitter, Snapshot
 
 __all__ = ["Comparison", "gains_of"]
 
@@ -29,12 +29,12 @@ class Comparison:
 
     Parameters
     ----------
-    rig : Rig
+    emitter : Emitter
         The array and its calibration.
     """
 
-    def __init__(self, rig: Rig) -> None:
-        self._rig = rig
+    def __init__(self, emitter: Emitter) -> None:
+        self._rig = emitter
         self._method = ""
         self._solver: TwoSidedSolver | None = None
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..solver import QUANTITIES, Grid, Medium, PlanePropagator, intensity, pressure, sample_cut
 from ..solver.fields.quantities import sound_pressure_level
 from .settings import Settings
-from .snapshot import Rig, Snapshot
+from .snapshot import Emitter, Snapshot
 
 __all__ = ["IMAGE_QUANTITIES", "PLANES", "Painted", "Painter", "Probed"]
 
@@ -107,13 +107,13 @@ class Painter:
 
     Parameters
     ----------
-    rig : Rig
+    emitter : Emitter
         The array and the air.
     """
 
-    def __init__(self, rig: Rig) -> None:
-        self._array, self._air = rig.emitting, rig.medium
-        self._centre = rig.array.positions.mean(axis=0)
+    def __init__(self, emitter: Emitter) -> None:
+        self._array, self._air = emitter.emitting, emitter.medium
+        self._centre = emitter.array.positions.mean(axis=0)
         self._fields: OrderedDict[tuple[str, float], tuple[Grid, Callable[[Complex], Complex]]] = OrderedDict()
         self._recent: deque[float] = deque(maxlen=RECENT_FRAMES)
         self._shown = ""

@@ -31,7 +31,7 @@ from ..solver.contact.hand import Hand
 from ..solver.geometry import FARTHEST
 from ..storage import open_plain
 from .settings import Settings
-from .snapshot import Rig, Snapshot
+from .snapshot import Emitter, Snapshot
 from .view import View
 
 __all__ = ["TAPES", "RecordedTape", "open_tape"]
@@ -55,7 +55,7 @@ class RecordedTape:
 
     Parameters
     ----------
-    rig : Rig
+    emitter : Emitter
         The array for which it was made.
     times : sequence of float
         Of each moment in seconds, never decreasing, the first at 0.
@@ -63,8 +63,8 @@ class RecordedTape:
         From the number of a moment to what there is to see then; its period is set here.
     """
 
-    def __init__(self, rig: Rig, times: Any, moment: Callable[[int], dict[str, Any]]) -> None:
-        self.rig, self._moment = rig, moment
+    def __init__(self, emitter: Emitter, times: Any, moment: Callable[[int], dict[str, Any]]) -> None:
+        self.emitter, self._moment = emitter, moment
         self._periods = [round(each * CARRIER_HZ) for each in times]
         self.settings = Settings(at=0)
         """The first ones: it begins at its beginning."""
@@ -120,35 +120,35 @@ def open_tape(path: Path, array: TransducerArray | None = None) -> Iterator[Reco
                 raise InputFileError(f"{path} holds no frame")
             yield _of_frames(path, recording)
         return
-    rig = Rig(array or TransducerArray.grid(), path.name)
+    emitter = Emitter(array or TransducerArray.grid(), path.name)
     hands = path if suffix == HANDS else path.with_suffix(HANDS)
-    played = _read_touch(path, len(rig.array)) if suffix == TOUCH else []
+    played = _read_touch(path, len(emitter.array)) if suffix == TOUCH else []
     seen = _read_hands(hands) if suffix == HANDS or hands.is_file() else []
     if not seen and not played:
         raise InputFileError(f"{path} holds no hands and no pulses")
-    yield _of_touch(rig, seen, played)
+    yield _of_touch(emitter, seen, played)
 
 
 def _of_frames(path: Path, recording: Recording) -> RecordedTape:
-    rig = Rig(recording.array, path.name, calibration=recording.calibration, medium=recording.medium)
+    emitter = Emitter(recording.array, path.name, calibration=recording.calibration, medium=recording.medium)
 
     def moment(number: int) -> dict[str, Any]:
         return {"drives": recording.read(number, number + 1).pulses(0).to_drive()[None]}
 
-    return RecordedTape(rig, np.arange(len(recording)) / recording.rate, moment)
+    return RecordedTape(emitter, np.arange(len(recording)) / recording.rate, moment)
 
 
 def _of_touch(
-    rig: Rig, seen: list[tuple[float, tuple[Hand, ...]]], played: list[tuple[float, _Played]]
+    emitter: Emitter, seen: list[tuple[float, tuple[Hand, ...]]], played: list[tuple[float, _Played]]
 ) -> RecordedTape:
     times = sorted({each for each, _ in seen} | {each for each, _ in played})
-    silent = {"drives": np.zeros((1, len(rig.array)))}
+    silent = {"drives": np.zeros((1, len(emitter.array)))}
 
     def moment(number: int) -> dict[str, Any]:
         hands, moment = _last(seen, times[number]), _last(played, times[number])
         return (silent if moment is None else moment.seen()) | {"hands": hands or ()}
 
-    return RecordedTape(rig, times, moment)
+    return RecordedTape(emitter, times, moment)
 
 
 def _last(items: list[tuple[float, Any]], moment: float) -> Any:

@@ -16,7 +16,7 @@ from ..solver import ControlPoints, Medium, TransducerArray
 from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
 
-__all__ = ["Rig", "Snapshot", "Waves", "rows_of"]
+__all__ = ["Emitter", "Snapshot", "Waves", "rows_of"]
 
 
 def rows_of(points: ControlPoints) -> NDArray[np.float64]:
@@ -25,7 +25,7 @@ def rows_of(points: ControlPoints) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
+class Emitter:
     """The array, as long as a view is open.
 
     Parameters

@@ -25,10 +25,10 @@ from ..protocol.plain import flag_names
 from ..protocol.replies import Status
 from ..solver import TransducerArray
 from .newest import NewestTask
-from .snapshot import Rig, Snapshot, Waves
+from .snapshot import Emitter, Snapshot, Waves
 from .view import View
 
-__all__ = ["BITS", "EXACT", "Tap", "rig_of"]
+__all__ = ["BITS", "EXACT", "Tap", "emitter_of"]
 
 RATE, READ_BACK_RATE = 40.0, 5.0
 """Snapshots per second: of an emulated device, whose bits are in this process, and of another, which must be asked."""
@@ -41,9 +41,9 @@ EXACT = "bits of the emulated boards in this period alone"
 STARTING, UNREADABLE = "the device is starting", "the device cannot be read back"
 
 
-def rig_of(device: Device, array: TransducerArray) -> Rig:
+def emitter_of(device: Device, array: TransducerArray) -> Emitter:
     """What a view shows of a device with an array."""
-    return Rig(array, device.name, device.wiring(), device.calibration)
+    return Emitter(array, device.name, device.wiring(), device.calibration)
 
 
 class Tap:
@@ -69,7 +69,7 @@ class Tap:
 
     def __init__(self, device: Device, view: View, emulator: Emulator | None = None) -> None:
         self._device, self._view, self._emulator = device, view, emulator
-        self._silence = np.zeros((1, len(view.rig.array)), np.complex64)
+        self._silence = np.zeros((1, len(view.emitter.array)), np.complex64)
         self._gap = 1 / (READ_BACK_RATE if emulator is None else RATE)
         self._taken = self._asked = self._counted = -inf
         self._boards: tuple[str, ...] = ("",) * BOARDS

@@ -26,7 +26,7 @@ from .painting import IMAGE_QUANTITIES, Painter
 from .past import Past
 from .server import LOOPBACK, PageServer
 from .settings import GROUPS, RANGES, Choices, Settings
-from .snapshot import Rig, Snapshot, rows_of
+from .snapshot import Emitter, Snapshot, rows_of
 
 __all__ = ["Director", "Tape", "View"]
 
@@ -98,7 +98,7 @@ class View:
 
     Parameters
     ----------
-    array : TransducerArray or Rig, optional
+    array : TransducerArray or Emitter, optional
         What is shown; the default grid by default.
     settings : Settings, optional
         The first ones.
@@ -126,7 +126,7 @@ class View:
 
     def __init__(
         self,
-        array: TransducerArray | Rig | None = None,
+        array: TransducerArray | Emitter | None = None,
         *,
         settings: Settings | None = None,
         director: Director | None = None,
@@ -136,22 +136,22 @@ class View:
         embedded: bool = True,
         saving: bool = False,
     ) -> None:
-        if not isinstance(array, Rig | TransducerArray | None):
-            raise ValueError(f"{str(array)[:40]!r} must be a TransducerArray, or a Rig")
-        self.rig = array if isinstance(array, Rig) else Rig(array or TransducerArray.grid())
+        if not isinstance(array, Emitter | TransducerArray | None):
+            raise ValueError(f"{str(array)[:40]!r} must be a TransducerArray, or an Emitter")
+        self.emitter = array if isinstance(array, Emitter) else Emitter(array or TransducerArray.grid())
         self._director = director or Director()
         self.settings = settings or Settings()
         groups = frozenset(("view", *self._director.controls)) & set(GROUPS)
         self._choices = Choices(
-            groups, len(self.rig.array), tuple(METHODS), tuple(IMAGE_QUANTITIES), tuple(self._director.object_kinds)
+            groups, len(self.emitter.array), tuple(METHODS), tuple(IMAGE_QUANTITIES), tuple(self._director.object_kinds)
         )
-        self._painter, self._comparison = Painter(self.rig), Comparison(self.rig)
+        self._painter, self._comparison = Painter(self.emitter), Comparison(self.emitter)
         self._past, self._tape = Past(), tape
         self._lock = Lock()
         """Of the snapshots and the settings, which several threads use."""
         self._told: str | None = None
         """The last error of painting, which is told once."""
-        self._newest = Snapshot(np.zeros((1, len(self.rig.array)), np.complex64), state="waiting")
+        self._newest = Snapshot(np.zeros((1, len(self.emitter.array)), np.complex64), state="waiting")
         self._exact: Snapshot | None = None
         self._changed, self._closing = Event(), Event()
         self._meshes: tuple[Mesh, ...] = ()
@@ -172,7 +172,7 @@ class View:
         self._thread.start()
 
     def __repr__(self) -> str:
-        return f"View({self.rig.name}, {self.url})"
+        return f"View({self.emitter.name}, {self.url})"
 
     def __enter__(self) -> Self:
         return self
@@ -239,7 +239,7 @@ class View:
             now = self._newest
         given: dict[str, Any] = {}
         if drive is not None:
-            given["drives"], found = _drives(drive, len(self.rig.array))
+            given["drives"], found = _drives(drive, len(self.emitter.array))
             points = found if points is None and found is not None else points
         if points is not None:
             given["points"] = _points(points)
@@ -396,7 +396,7 @@ class View:
         if (waves := snapshot.waves) is None:
             return None
         arrays["waves"] = waves.bits
-        names = [f"{each}: {Pin.of(int(self.rig.channels[each])).name}" for each in waves.transducers]
+        names = [f"{each}: {Pin.of(int(self.emitter.channels[each])).name}" for each in waves.transducers]
         return {"names": names, "first": waves.first_tick}
 
     def _arrays(self, snapshot: Snapshot) -> dict[str, NDArray[Any]]:
@@ -431,17 +431,17 @@ class View:
 
     def _picked(self, number: int, snapshot: Snapshot, settings: Settings) -> dict[str, Any]:
         """What there is to say about a transducer."""
-        pin = Pin.of(int(self.rig.channels[number]))
-        x, y, z = self.rig.array.positions[number] * 1e3
+        pin = Pin.of(int(self.emitter.channels[number]))
+        x, y, z = self.emitter.array.positions[number] * 1e3
         lines = [("Place", f"{x:.1f}, {y:.1f}, {z:.1f} mm")]
-        if self.rig.wiring is not None:
+        if self.emitter.wiring is not None:
             lines += [("Board", str(pin.board)), ("Processor", str(pin.processor)), ("Bit", str(pin.bit))]
         for of, drive in _of_each(snapshot.drives[:, number]):
             pulse = Pulses.from_drive(np.array([drive]))
             said = f"{pulse.width[0]} ticks wide, centred at {pulse.phase[0]} of {HALF_TICKS_PER_PERIOD} half ticks"
             emitted = f"{abs(drive):.3f} of full drive, {np.rad2deg(np.angle(drive)) % 360:.1f}°"
             lines += [(f"Pulse{of}", said), (f"Emits{of}", emitted)]
-        if (calibration := self.rig.calibration) is not None:
+        if (calibration := self.emitter.calibration) is not None:
             dead = ", dead" if calibration.dead[number] else ""
             polarity = "reversed" if calibration.polarity[number] < 0 else "normal"
             lines.append(
@@ -455,10 +455,10 @@ class View:
     def _setup(self) -> bytes:
         from matplotlib import colormaps
 
-        processors, bits = np.divmod(self.rig.channels, CHANNELS_PER_PROCESSOR)
+        processors, bits = np.divmod(self.emitter.channels, CHANNELS_PER_PROCESSOR)
         boards, processors = np.divmod(processors, PROCESSORS_PER_BOARD)
         fields = {
-            "device": self.rig.name,
+            "device": self.emitter.name,
             "controls": ["past", *(["recording"] if self._tape else []), *self._director.controls],
             "methods": list(METHODS),
             "quantities": [
@@ -470,8 +470,8 @@ class View:
             "limits": {name: list(limits) for name, limits in RANGES.items()},
         }
         arrays: dict[str, NDArray[Any]] = {
-            "positions": self.rig.array.positions,
-            "normals": self.rig.array.normals,
+            "positions": self.emitter.array.positions,
+            "normals": self.emitter.array.normals,
             "board": boards.astype(np.uint8),
             "processor": processors.astype(np.uint8),
             "bit": bits.astype(np.uint8),

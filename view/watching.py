@@ -16,7 +16,7 @@ from ..host.touching.turns import Alternation
 from ..solver import ControlPoints, TransducerArray
 from .snapshot import rows_of
 from .stopping import Stopper
-from .tap import Tap, rig_of
+from .tap import Tap, emitter_of
 from .view import Director, View
 
 __all__ = ["Watch", "watch"]
@@ -57,7 +57,7 @@ def watch(device: Device, array: TransducerArray, emulator: Emulator | None = No
     """
     stopper = Stopper(device, emulator)
     director = _StopOnly(stopper, emulator is not None)
-    with View(rig_of(device, array), director=director, embedded=False) as view, Tap(device, view, emulator) as tap:
+    with View(emitter_of(device, array), director=director, embedded=False) as view, Tap(device, view, emulator) as tap:
         try:
             yield Watch(device, view, tap, stopper, paced=emulator is not None)
         finally:

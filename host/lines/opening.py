@@ -12,25 +12,30 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from ...errors import DeviceNotFoundError, PhasewireError
+from ...errors import DeviceNotFoundError, DeviceUrlError, PhasewireError
 from .tracing import traced
 from .transport import Scheme, Transport
 
 __all__ = [
     "DEFAULT_URL",
     "MEANT",
+    "RIG",
     "SCHEMES",
     "URL_VARIABLE",
     "default_url",
     "entries",
+    "is_fresh",
     "load_by_scheme",
     "open_transport",
     "open_untraced",
+    "refuse_rig",
 ]
 
 DEFAULT_URL = "emulator:"
 URL_VARIABLE = "PHASEWIRE_DEVICE"
 SCHEMES = "phasewire.transports"
+RIG = "rig:"
+"""Before the name of a rig file, if several devices are meant."""
 MEANT = "; for this serial port write "
 """In an error, before the URL of a serial port of which only the name was given."""
 
@@ -38,6 +43,20 @@ MEANT = "; for this serial port write "
 def default_url() -> str:
     """The device to use if none is named: ``$PHASEWIRE_DEVICE``, else the emulator."""
     return os.environ.get(URL_VARIABLE) or DEFAULT_URL
+
+
+def is_fresh(url: str) -> bool:
+    """Whether a URL means an emulated device that only exists during this process."""
+    return url.partition("?")[0] == DEFAULT_URL
+
+
+def refuse_rig(url: str) -> None:
+    """Raise `DeviceUrlError` if a URL means several devices."""
+    if url.startswith(RIG):
+        raise DeviceUrlError(
+            f"{url!r} is several devices, and this is for one; name one of those that `phasewire devices --rig FILE` "
+            "lists"
+        )
 
 
 @cache
@@ -64,9 +83,12 @@ def load_by_scheme(
 
     Raises
     ------
+    DeviceUrlError
+        If the URL names a rig.
     DeviceNotFoundError, or what is ``missing``
         If there is none, and the known ones are named; or if it cannot be loaded.
     """
+    refuse_rig(url)
     scheme, colon, _ = url.partition(":")
     found = entries(group)
     if not colon or scheme not in found:

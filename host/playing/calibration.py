@@ -23,7 +23,7 @@ from ...solver.acoustics.array import LEAST, MAX_GAIN
 from ...solver.geometry import frozen
 from ...storage import FilePath, read_text, replacing
 
-__all__ = ["Calibration"]
+__all__ = ["COLUMNS", "Calibration"]
 
 MOST_BYTES = 2**20
 """Limit for a file, enough for ten thousand transducers."""

@@ -56,7 +56,9 @@ class DeviceClock:
         How much faster than nominal the device runs, in millionths of its rate, by the host's clock.
     uncertainty : float
         The greatest error of the moment of the last reading, in seconds, wherever within the readings the device read
-        its clock.
+        its clock, apart from its rate.
+    assumed_seconds : float
+        How long before the last reading the estimate was made, as long as the rate is assumed; 0 once it is measured.
 
     Notes
     -----
@@ -69,6 +71,7 @@ class DeviceClock:
         self._readings: deque[Reading] = deque(maxlen=READINGS)
         self.drift_ppm = 0.0
         self.uncertainty = float("inf")
+        self.assumed_seconds = 0.0
 
     def add(self, reading: Reading) -> None:
         """Add a reading, not older than the last."""
@@ -99,11 +102,13 @@ class DeviceClock:
         weights /= weights.sum()
         self._slope, self._moment, self._tick = float(TICK_HZ), float(weights @ moments), float(weights @ ticks)
         shares = weights  # of each reading in the estimate at the last moment
+        self.assumed_seconds = last - self._moment
         if moments[-1] - moments[0] >= LEAST_SPAN_SECONDS:
             away = moments - self._moment
             slopes = weights * away / np.sum(weights * away**2)
             self._slope = float(slopes @ ticks)
             shares = weights + slopes * (last - self._moment)
+            self.assumed_seconds = 0.0
         self.uncertainty = float(np.abs(shares) @ uncertainties)
 
     @property

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from ...protocol.replies import Ack
 from ...solver import Cycle
-from .device import Device
 from .envelopes import sine
+from .group import AnyDevice
 from .limiting import Limit, pulses_within
 
 __all__ = ["PlayedCycle", "play_cycle", "split_steps"]
@@ -32,14 +32,14 @@ class PlayedCycle(NamedTuple):
     """The factor by which a limit has turned the drives down, 1 for not at all."""
 
 
-def play_cycle(device: Device, cycle: Cycle, *, unattended: bool = False, limit: Limit | None = None) -> PlayedCycle:
+def play_cycle(device: AnyDevice, cycle: Cycle, *, unattended: bool = False, limit: Limit | None = None) -> PlayedCycle:
     """Store a cycle's frames in a device, which then repeats them; its `envelope` becomes the device's modulation.
 
     What plays falls silent first, and its modulation ends.
 
     Parameters
     ----------
-    device : Device
+    device : Device or DeviceGroup
         On which to play.
     cycle : Cycle
         At most as many different frames as the device has slots.

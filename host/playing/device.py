@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -43,10 +43,11 @@ from ..lines.transport import Timekeeper, Transport
 from .calibration import Calibration
 from .envelopes import Envelope
 from .frames import Frame, Frames, differences, frame_source, to_pulses
+from .lanes import Lane
 from .session import Session
 from .streaming import LOOK_AHEAD_SECONDS, Stream, StreamReport
 
-__all__ = ["Device", "open_device"]
+__all__ = ["Device", "lane_of", "open_device", "streaming"]
 
 
 class _Kept(NamedTuple):
@@ -497,28 +498,14 @@ class Device:
             If the line or the device fails. After any error the outputs are off, or will be after the watchdog's time
             if the device cannot be reached.
         """
-        frames, stops = frame_source(source, self.calibration, self.info.channels), self._stops
-        stream = Stream(
-            self._session,
-            frames,
-            rate,
-            look_ahead=look_ahead,
-            permit=partial(self._check_not_stopped, stops),
-            begin=partial(self._begin_stream, envelope),
-            restore=self._restore if reconnect else None,
-        )
-        with self._session.lock:
-            if self._streaming:
-                raise DeviceError(f"{self.name} plays a stream already; wait for its end, or stop it")
-            self._streaming = True
+        frames, lane = frame_source(source, self.calibration, self.info.channels), lane_of(self, envelope)
+        if reconnect:
+            lane.restore = partial(self._come_back, lane.permit)
+        stream = Stream([lane], frames, rate, look_ahead=look_ahead)
         try:
-            return stream.run(on_progress)
-        except BaseException:
-            if self._stops == stops:  # otherwise they are off, or play what began since
-                self._silence_after_failure()
-            raise
+            with streaming(self, lane):
+                return stream.run(on_progress)
         finally:
-            self._streaming = False
             if on_progress is not None:
                 on_progress(stream.report)
 
@@ -526,6 +513,13 @@ class Device:
         """Raise `DeviceRefusedError` if the device was stopped since a stream was requested."""
         if self._stops != stops:
             raise DeviceRefusedError(f"{self.name} has turned its outputs off: it was stopped", Reason.DISABLED)
+
+    def _come_back(self, permit: Callable[[], None]) -> None:
+        """Open the device again when it returns, and restore it for a stream that may go on."""
+        with self._session.lock:
+            self._session.reopen()
+            permit()
+            self._restore()
 
     def _begin_stream(self, envelope: Envelope | None) -> None:
         self.enable()
@@ -595,6 +589,36 @@ class Device:
         except DeviceError:
             self._enabled = False  # ask again: ENABLE is a sign of life if they are
             raise
+
+
+def lane_of(device: Device, envelope: Envelope | None = None) -> Lane:
+    """The lane of a device in a stream, modulated by an envelope; a stop of the device from now on ends the stream."""
+    permit = partial(device._check_not_stopped, device.stops)
+    return Lane(device._session, permit=permit, begin=partial(device._begin_stream, envelope))
+
+
+@contextmanager
+def streaming(device: Device, lane: Lane) -> Iterator[None]:
+    """Play a stream in a lane of a device, and no other meanwhile; after a failure the outputs are off.
+
+    Raises
+    ------
+    DeviceError
+        If the device plays a stream already.
+    """
+    with device._session.lock:
+        if device._streaming:
+            raise DeviceError(f"{device.name} plays a stream already; wait for its end, or stop it")
+        device._streaming = True
+    try:
+        yield
+    except BaseException:
+        with suppress(DeviceRefusedError):
+            lane.permit()  # otherwise they are off, or play what began since
+            device._silence_after_failure()
+        raise
+    finally:
+        device._streaming = False
 
 
 def _parts(items: Any, most: int) -> list[tuple[int, Any]]:

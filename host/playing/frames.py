@@ -143,15 +143,19 @@ def check_rate(rate: float) -> None:
         raise ValueError(f"a rate of {rate:g} frames/s must be at least {LEAST_RATE:g} and finite")
 
 
-def differences(array: TransducerArray | None, medium: Medium | None, what: Info) -> list[str]:
+def differences(
+    array: TransducerArray | None, medium: Medium | None, what: Info, rig: TransducerArray | None = None
+) -> list[str]:
     """The differences between a device and what frames were made for, as far as that is known: they change the field.
 
-    An array with another number of transducers is not reported: its frames are refused anyway.
+    An array with another number of transducers is not reported: its frames are refused anyway. The transducers of a
+    rig are where its description says.
     """
     found = []
-    own = TransducerArray.grid(what.columns, what.rows, what.pitch).positions
+    own = (TransducerArray.grid(what.columns, what.rows, what.pitch) if rig is None else rig).positions
     if array is not None and array.positions.shape == own.shape and not np.allclose(array.positions, own, atol=1e-6):
-        found.append(f"the device has {what.columns} × {what.rows} transducers, {what.pitch * 1e3:g} mm apart")
+        places = f"{what.columns} × {what.rows} transducers, {what.pitch * 1e3:g} mm apart"
+        found.append(f"the device has {places}" if rig is None else "the transducers of the rig are at other places")
     if medium is not None and medium.frequency != what.carrier_hz:
         found.append(f"the device's carrier has {what.carrier_hz} Hz, not {medium.frequency:g} Hz")
     return found

@@ -1,81 +1,53 @@
-"""Frames to a device at a rate, each in its own carrier period.
+"""Frames to a device, or to several in step, at a rate, each in its own carrier period.
 
 Frame k is due at period start + ⌊k · 40 000 / rate⌋ of the device's clock, and is sent a little earlier: the *look-
 ahead*. Frames that are there already go many in a transfer, as soon as there are enough of them or half of the
 look-ahead is used up, a third on a line that carries blocks by itself; those of a live source go one by one. What the
 device's queue cannot hold yet waits in the transfer, held back by NAK or by credit, but not for long. If source or host
 come too late for a frame, that is an *underrun*: the rest of the stream is moved to a later start, so that frames keep
-their distance and their order.
+their distance and their order. Several devices get each frame for the same period, and are moved together.
 """
 
 from __future__ import annotations
 
 import time
-from collections import Counter, deque
-from collections.abc import Callable
-from contextlib import suppress
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 from math import ceil, floor
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import DeviceError, DeviceLostError, DeviceStalledError, DeviceTimeoutError
-from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
+from ...protocol.board import CARRIER_HZ
 from ...protocol.codes import AckFlag, Fault, Reason
+from ...protocol.quantise import PulseFrames
 from ...protocol.replies import Ack
-from ...protocol.updates import pack_updates
-from .clock import DeviceClock, Reading
-from .frames import FrameSource, PulseFrames, check_rate
-from .ledger import DAMAGE, Answers, Parcel
+from .common_clock import CommonClock, common_time
+from .frames import FrameSource, check_rate
+from .lanes import DAMAGED, LANE_COUNTS, NEVER, NO_FAULTS, POSTED_PERIODS, Lane, naming
 from .session import Session
 
-__all__ = ["LOOK_AHEAD_SECONDS", "Stream", "StreamReport"]
+__all__ = ["FIRST_READINGS", "LOOK_AHEAD_SECONDS", "Stream", "StreamReport", "most_blocks_per_second"]
 
 LOOK_AHEAD_SECONDS = 0.01
 MOST_LOOK_AHEAD_SECONDS = 10.0
-LEAST_LEAD_PERIODS = 6
-"""A change five periods after its arrival is in time (clause BLK-005); one more for the transfer."""
 FIRST_READINGS = 8
 READING_SECONDS = 0.25
-ASTRAY_PPM, MOST_ASTRAY = 500_000, 8
-"""A clock that seems to run at half the host's rate or less, or at one and a half times it, in so many consecutive
-readings, 2 s, cannot time frames. A device that is only delayed catches up sooner."""
 PROGRESS_SECONDS = 0.1
 MOST_LATE_SHARE = 0.01
 """Share of the frames; one pause of a computer is no reason to choose another rate."""
-COUNTS = (
-    "sent",
-    "accepted",
-    "late",
-    "damaged",
-    "refused",
-    "unanswered",
-    "underruns",
-    "moved_periods",
-    "reconnects",
-    "missed_commits",
-)
-NEVER = 2**63
-NO_FAULTS = Fault(0)
-DAMAGED = [int(reason) for reason in DAMAGE]
-TURN_PERIODS = 200
-"""5 ms, for which a transfer may wait for room in the queue: others wait for their turn meanwhile."""
-POSTED_PERIODS = 2400
-"""60 ms, by which frames that are there already go early on a line that carries blocks by itself, the first of a
-transfer by two thirds of it; as long they may wait for room, so that the host need not."""
-POSTED_SHARE = 0.8
-"""Of the blocks that may be unanswered: those that wait for their time. Answers to the others are on their way."""
-ROUND_TRIPS = 3
-"""The factor on an answer's time for the look-ahead on such a line: some answers take several times as long."""
-MOST_BLOCKS = 128
-"""The most in one transfer: at 40 000 frames a second others wait 3 ms for their turn."""
 
 
 @dataclass(frozen=True)
 class StreamReport:
     """The results of a stream; each frame is counted once as accepted, damaged, refused or unanswered.
+
+    Those of several devices are the worst of each: the fewest accepted frames, the most late ones.
 
     Parameters
     ----------
@@ -111,6 +83,9 @@ class StreamReport:
         How much faster than nominal the device's clock runs by the host's.
     uncertainty : float
         Uncertainty of the device's clock, in seconds.
+    apart : float or None
+        Of several devices, the greatest distance of periods that should coincide, in seconds: 0 on one sync line, else
+        as estimated. None for one device.
     """
 
     rate: float
@@ -130,6 +105,7 @@ class StreamReport:
     least_lead_periods: int | None = None
     drift_ppm: float = 0.0
     uncertainty: float = 0.0
+    apart: float | None = None
 
     def __repr__(self) -> str:
         kept = f"{self.accepted} accepted, {self.late} late, {self.refused} refused, {self.underruns} underruns"
@@ -161,42 +137,55 @@ class StreamReport:
             parts.append(f"least lead {self.least_lead_periods / CARRIER_HZ * 1e3:.2f} ms")
         if not self.holds:
             parts.append(f"the rate does not hold: {self.played_rate:.0f}/s played, choose a lower one")
-        return ", ".join([*parts, f"clock {self.drift_ppm:+.1f} ppm"])
+        parts.append(f"clock {self.drift_ppm:+.1f} ppm")
+        if self.apart:
+            parts.append(f"devices up to {self.apart * 1e6:.0f} µs apart")
+        return ", ".join(parts)
+
+
+def most_blocks_per_second(sessions: Sequence[Session]) -> float:
+    """What the lines to several devices can carry of one frame for all.
+
+    Lines that do not carry blocks by themselves are used one after the other, unless each keeps a time of its own.
+    """
+    most = float("inf")
+    for _, those in groupby(sorted(sessions, key=lambda each: id(each.time)), key=lambda each: id(each.time)):
+        lines = [session.line() for session in those]
+        waiting = sum(1 / line.most_blocks_per_second for line in lines if not line.posts)
+        by_themselves = [line.most_blocks_per_second for line in lines if line.posts]
+        most = min([most, *by_themselves, *([1 / waiting] if waiting else [])])
+    return most
 
 
 class Stream:
-    """One run of frames to a device.
+    """One run of frames to a device, or to several in step.
 
     Parameters
     ----------
-    session : Session
-        With the device.
+    lanes : sequence of Lane
+        One for each device.
     source : FrameSource
-        The frames.
+        The frames of all.
     rate : float
         Frames per second.
     look_ahead : float
         Seconds before its period at which a frame is sent at the earliest.
-    permit : callable
-        Raises a `DeviceError` if the stream must end.
-    begin : callable
-        Enables the outputs.
-    restore : callable, optional
-        Restores the state of a device that was lost and came back; without it, the stream ends there.
+    common : CommonClock, optional
+        Relates the periods of several devices.
     """
 
     def __init__(
         self,
-        session: Session,
+        lanes: Sequence[Lane],
         source: FrameSource,
         rate: float,
         *,
         look_ahead: float,
-        permit: Callable[[], None],
-        begin: Callable[[], None],
-        restore: Callable[[], None] | None,
+        common: CommonClock | None = None,
     ) -> None:
-        device_most, line_most = session.info.max_updates_per_second, session.line().most_blocks_per_second
+        sessions = [lane.session for lane in lanes]
+        device_most = min(session.info.max_updates_per_second for session in sessions)
+        line_most = most_blocks_per_second(sessions)
         check_rate(rate)
         if rate > line_most and line_most < device_most:
             raise ValueError(
@@ -207,31 +196,18 @@ class Stream:
             raise ValueError(f"a rate of {rate:g} frames/s must be at most {device_most:g} with this device")
         if not 0 <= look_ahead <= MOST_LOOK_AHEAD_SECONDS:
             raise ValueError(f"a look-ahead of {look_ahead:g} s must lie between 0 and {MOST_LOOK_AHEAD_SECONDS:g} s")
-        self._session, self._source = session, source
-        self._permit, self._begin, self._restore = permit, begin, restore
+        self._lanes, self._source, self._common = lanes, source, common
+        self._time = common_time(session.time for session in sessions)
         self._spacing = CARRIER_HZ / rate
-        blocks_per_period = session.line().most_blocks_per_second / CARRIER_HZ  # of some lines infinite
-        self._block_lead = LEAST_LEAD_PERIODS + ceil(1 / blocks_per_period)
-        self._most_blocks = max(1, int(min(MOST_BLOCKS, TURN_PERIODS * blocks_per_period)))
-        self._asked = max(ceil(look_ahead * CARRIER_HZ), 2 * self._block_lead)
-        self._on_the_way = self._way = self._held_up = 0
-        """Where a line carries blocks by itself: the periods that an answer takes at the most, those that a block takes
-        as a rule, and those by which frames were late."""
+        self._most_blocks = min(lane.most_blocks for lane in lanes)
+        self._asked = max(ceil(look_ahead * CARRIER_HZ), 2 * max(lane.block_lead for lane in lanes))
         self._plan()
-        self._posted = deque[tuple[int, Parcel]]()
-        """Number of the last frame of each parcel, and the parcel."""
         self._next = 0
         self._start = 0.0
         self._read_at = 0.0
-        self._astray = 0
         self._accepted_before = -1  # the frame at the last loss; without a later one, reconnecting does not help
         self._rate = rate
-        self._clock = DeviceClock()
         self._counts = Counter[str]()
-        self._missed_before: int | None = None
-        self._faults = NO_FAULTS
-        self._first = self._last = 0
-        self._least = NEVER
 
     def _plan(self) -> None:
         """Set how early frames are sent.
@@ -240,41 +216,47 @@ class Stream:
         Frames that were late all the same go as much earlier afterwards. Whether it is too late for a frame says what a
         block takes as a rule: by the slowest answer of a busy computer it would be too late for every frame.
         """
-        early = self._session.line().posts and self._source.ready
-        turn, asked = (POSTED_PERIODS, max(self._asked, POSTED_PERIODS)) if early else (TURN_PERIODS, self._asked)
-        self._look_ahead = asked + ROUND_TRIPS * self._on_the_way + self._held_up
-        self._horizon = min(self._look_ahead, self._session.info.queue_blocks * self._spacing + turn)
-        part = self._horizon / 2
-        if early:
-            blocks = self._session.line().window(None, self._session.info.queue_records)
-            self._horizon = min(self._horizon, POSTED_SHARE * blocks * self._spacing)
-            part = self._horizon / 3
-        self._least_lead = self._block_lead + min(self._way, int(self._horizon / 3))  # a longer one is never left
-        together = min(part, self._most_blocks * self._spacing) if self._source.ready else 0.0
+        ready = self._source.ready
+        self._horizon = min(lane.horizon(self._asked, self._spacing, ready) for lane in self._lanes)
+        part = self._horizon / (3 if ready and any(lane.posts for lane in self._lanes) else 2)
+        # a longer one is never left
+        self._least_lead = max(lane.block_lead + min(lane.way, int(self._horizon / 3)) for lane in self._lanes)
+        together = min(part, self._most_blocks * self._spacing) if ready else 0.0
         enough = min(self._least_lead + self._spacing, self._horizon)
         self._refill = max(self._horizon - together, enough)
 
     @property
     def report(self) -> StreamReport:
         """Its present state."""
+        first, lanes = self._lanes[0], self._lanes
+        counts = {name: max(lane.counts[name] for lane in lanes) for name in LANE_COUNTS}
+        counts["accepted"] = min(lane.counts["accepted"] for lane in lanes)
+        least = min(lane.least for lane in lanes)
+        faults = NO_FAULTS
+        for lane in lanes:
+            faults |= lane.faults
         return StreamReport(
             self._rate,
-            **{name: self._counts[name] for name in COUNTS},
-            faults=self._faults,
-            first_period=self._first,
-            last_period=self._last,
-            least_lead_periods=None if self._least == NEVER else self._least,
-            drift_ppm=self._clock.drift_ppm,
-            uncertainty=self._clock.uncertainty,
+            **counts,
+            **{name: self._counts[name] for name in ("underruns", "moved_periods", "reconnects")},
+            faults=faults,
+            first_period=first.first,
+            last_period=first.last,
+            least_lead_periods=None if least == NEVER else least,
+            drift_ppm=first.clock.drift_ppm,
+            uncertainty=max(lane.clock.uncertainty for lane in lanes),
+            apart=None if self._common is None else self._common.error,
         )
 
     def run(self, on_progress: Callable[[StreamReport], None] | None = None) -> StreamReport:
         """Play all frames, and wait for the end of the last."""
         frames = self._source.take(1)
-        pack_updates(*frames, sequence=0)  # what is compiled or read now does not keep an enabled device waiting
-        with self._session.lock:
-            self._permit()
-            self._begin()
+        for lane in self._lanes:
+            lane.load(frames)
+        for lane in self._lanes:
+            with naming(lane.name), lane.session.lock:
+                lane.permit()
+                lane.begin()
         told = time.monotonic()
         self._find_clock()
         while len(frames.phase):
@@ -288,66 +270,54 @@ class Stream:
 
     def _wait_for_the_end(self) -> None:
         """Wait for the end of the last frame, and collect the final results."""
-        self._finish(self._session.settle)
+        for lane in self._lanes:
+            self._finish(lane, lane.session.settle)
         self._wait_until(self._due(self._next))
-        self._read_clock()
+        self._read_clocks()
 
     def _come_back_if_lost(self, step: Callable[[], None]) -> None:
         """Take a step; if the device is lost in it, wait until it is back, and prepare for the next frame."""
         try:
             step()
         except (DeviceLostError, DeviceStalledError, DeviceTimeoutError):
-            if self._restore is None or self._counts["accepted"] == self._accepted_before:
+            (restore, accepted), *others = [(lane.restore, lane.counts["accepted"]) for lane in self._lanes]
+            if restore is None or others or accepted == self._accepted_before:
                 raise
-            self._accepted_before = self._counts["accepted"]
-            with self._session.lock:
-                self._session.reopen()
-                self._permit()
-                self._restore()
+            self._accepted_before = accepted
+            restore()
             self._counts["reconnects"] += 1
             self._find_clock()
 
-    # The device's time
+    # The devices' time
 
     def _find_clock(self) -> None:
-        """Read the device's time afresh, and let the next frame begin a look-ahead from now."""
-        self._clock, self._missed_before = DeviceClock(), None
+        """Read the devices' time afresh, and let the next frame begin a look-ahead from now."""
+        for lane in self._lanes:
+            lane.forget_clock()
         for _ in range(FIRST_READINGS):
-            self._read_clock()
+            self._read_clocks()
         self._begin_at(ceil(self._now() + self._horizon))
 
-    def _read_clock(self) -> None:
-        """Read the device's time, and its status."""
-        keeper = self._session.time
-        with self._session.lock:
-            before = keeper.monotonic()
-            status = self._session.status()
-            after = keeper.monotonic()
-        self._clock.add(Reading(before, after, status.now))
-        if self._session.line().posts:
-            self._on_the_way = ceil(self._clock.longest * CARRIER_HZ)
-            self._way = ceil(self._clock.usual / 2 * CARRIER_HZ)
-            self._plan()
-        self._read_at = after
-        self._astray = self._astray + 1 if abs(self._clock.drift_ppm) > ASTRAY_PPM else 0
-        if self._astray > MOST_ASTRAY:
-            raise DeviceError(
-                f"the time of {self._session.name} passes at {1 + self._clock.drift_ppm / 1e6:.3g} of this computer's, "
-                "and a stream needs both to agree; `phasewire emulate --pace fast` does not stream, --pace wall does"
-            )
-        self._faults |= status.faults
-        if self._missed_before is None:  # counts restart if a device was without power
-            self._missed_before = status.missed_commits - self._counts["missed_commits"]
-        self._counts["missed_commits"] = status.missed_commits - self._missed_before
+    def _read_clocks(self) -> None:
+        """Read each device's time, and its status."""
+        for lane in self._lanes:
+            with naming(lane.name):
+                lane.read_clock()
+        self._plan()
+        self._read_at = self._time.monotonic()
+        if self._common is not None:
+            self._common.follow([lane.clock for lane in self._lanes], self._read_at)
+            for lane, offset in zip(self._lanes, self._common.offsets, strict=True):
+                lane.offset = offset
 
     def _keep_time(self) -> None:
-        """Read the device's clock if the last reading is old: the two clocks drift apart."""
-        if self._session.time.monotonic() - self._read_at > READING_SECONDS:
-            self._read_clock()
+        """Read the clocks if the last reading is old: they drift away from the host's."""
+        if self._time.monotonic() - self._read_at > READING_SECONDS:
+            self._read_clocks()
 
     def _now(self) -> float:
-        """Carrier period of the device, with its fraction."""
-        return self._clock.period_at(self._session.time.monotonic())
+        """Carrier period of the device that has come furthest, with its fraction."""
+        return max(lane.now() for lane in self._lanes)
 
     def _due(self, index: int) -> int:
         """Period in which a frame begins."""
@@ -358,13 +328,15 @@ class Stream:
         self._start = period - self._next * self._spacing
 
     def _wait_until(self, period: float) -> None:
-        """Let time pass until a period begins, with signs of life to the device, and readings of its clock."""
-        keeper = self._session.time
-        while (left := self._clock.moment_of(period) - keeper.monotonic()) > 0:
-            pause = self._session.pause_seconds
-            keeper.sleep(min(left, pause))
+        """Let time pass until a period begins, with signs of life to the devices, and readings of their clocks."""
+        clock = self._lanes[0].clock
+        while (left := clock.moment_of(period) - self._time.monotonic()) > 0:
+            pause = min(lane.session.pause_seconds for lane in self._lanes)
+            self._time.sleep(min(left, pause))
             if left > pause:
-                self._session.check_enabled()
+                for lane in self._lanes:
+                    with naming(lane.name):
+                        lane.session.check_enabled()
                 self._keep_time()
 
     # Frames
@@ -386,79 +358,67 @@ class Stream:
 
     def _send(self, frames: PulseFrames) -> None:
         """Send frames, and count the results."""
-        count = len(frames.phase)
-        with self._session.lock:
-            self._permit()
+        with ExitStack() as held:
+            for lane in self._lanes:
+                held.enter_context(lane.session.lock)
+                with naming(lane.name):
+                    lane.permit()
             self._keep_up()  # the source may have taken its time
-            periods = np.floor(self._start + np.arange(self._next, self._next + count) * self._spacing)
-            number, restart = self._session.upcoming
-            blocks = pack_updates(frames.phase, frames.width, number, periods.astype(np.uint64), restart=restart)
+            first, count = self._next, len(frames.phase)
+            periods = np.floor(self._start + np.arange(first, first + count) * self._spacing).astype(np.uint64)
             self._next += count
-            self._counts["sent"] += count
-            self._counts["unanswered"] += count
-            self._posted.append((self._next - 1, parcel := Parcel(number, Answers.none(count))))
-            self._finish(partial(self._session.post, blocks, parcel))
+            for lane in self._lanes:
+                self._finish(lane, partial(lane.post, frames, first, periods))
+        if self._common is not None:
+            self._time.sleep(0)  # brings emulated devices to one moment
         self._keep_time()
 
-    def _finish(self, sending: Callable[[], None]) -> None:
+    def _finish(self, lane: Lane, sending: Callable[[], None]) -> None:
         """Send, or wait for sent frames, and count the results; raises for a refused frame."""
-        try:
-            sending()
-        except BaseException:
-            self._count_posted(len(self._posted))
-            raise
-        known = sum(parcel.settled for _, parcel in self._posted)
-        refused = self._count_posted(known)
-        if refused is not None:
-            with suppress(DeviceError):
-                self._session.settle()
-            self._count_posted(len(self._posted))
-            self._session.check(refused)
+        with naming(lane.name):
+            try:
+                sending()
+            except BaseException:
+                for each in self._lanes:
+                    self._count_posted(each, len(each.posted), follow=False)
+                raise
+            known = sum(parcel.settled for _, parcel in lane.posted)
+            refused = self._count_posted(lane, known)
+            if refused is not None:
+                with suppress(DeviceError):
+                    lane.session.settle()
+                self._count_posted(lane, len(lane.posted), follow=False)
+                lane.session.check(refused)
 
-    def _count_posted(self, parcels: int) -> Ack | None:
-        """Count the frames of the first posted parcels; returns the first one that was refused for its contents."""
+    def _count_posted(self, lane: Lane, parcels: int, *, follow: bool = True) -> Ack | None:
+        """Count the frames of the first posted parcels; returns the first one that was refused for its contents.
+
+        At the end of a stream nothing follows, and the line may be closed.
+        """
         first = None
         for _ in range(parcels):
-            last, parcel = self._posted.popleft()
+            last, parcel = lane.posted.popleft()
             acks = parcel.answers.acks[parcel.answers.answered]
-            self._account(acks)
-            if parcel.answers.answered[-1:].all():
-                self._follow(last, parcel.answers.acks[-1])
+            lane.account(acks)
+            if follow and parcel.answers.answered[-1:].all():
+                self._follow(lane, last, parcel.answers.acks[-1])
             first = first or _refused(acks)
         return first
 
-    def _follow(self, index: int, ack: np.void) -> None:
-        """Move what follows if the device is late with the frame of an acknowledgement.
+    def _follow(self, lane: Lane, index: int, ack: np.void) -> None:
+        """Move what follows if a device is late with the frame of an acknowledgement.
 
         Frames in flight are late by as much. A device that takes frames no faster than they are due would stay late for
         ever. A delay may come again, so frames go earlier from now on.
         """
-        behind = int(ack["commit_period"]) - self._due(index)
-        if self._session.line().posts and ack["flags"] & AckFlag.LATE and behind > 0:
-            self._start += (moved := behind + self._session.info.queue_blocks)
+        behind = int(ack["commit_period"]) - lane.offset - self._due(index)
+        if lane.posts and ack["flags"] & AckFlag.LATE and behind > 0:
+            self._start += (moved := behind + lane.session.info.queue_blocks)
             self._counts["underruns"] += 1
             self._counts["moved_periods"] += moved
             spread = max(self._horizon - self._refill, self._spacing)  # by as much some frames go earlier than others
-            self._held_up = min(self._held_up + behind + ceil(spread), POSTED_PERIODS)
+            lane.held_up = min(lane.held_up + behind + ceil(spread), POSTED_PERIODS)
             self._plan()
-
-    def _account(self, acks: NDArray[np.void]) -> None:
-        if not len(acks):
-            return
-        count = self._counts
-        count["unanswered"] -= len(acks)
-        accepted = acks[acks["reason"] == Reason.ACCEPTED]
-        if len(accepted):
-            begins = accepted["commit_period"]
-            count["accepted"] += len(accepted)
-            count["late"] += int(np.count_nonzero(accepted["flags"] & AckFlag.LATE))
-            self._first = self._first or int(begins[0])
-            self._last = int(begins[-1])
-            self._least = min(self._least, int((begins - accepted["now"] // TICKS_PER_PERIOD).min()))
-        if refused := len(acks) - len(accepted):
-            damaged = int(np.isin(acks["reason"], DAMAGED).sum())
-            count["damaged"] += damaged
-            count["refused"] += refused - damaged
 
 
 def _refused(acks: NDArray[np.void]) -> Ack | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..accelerated.devices import Backend, check_backend, device_for
 from ..geometry import PointsLike, as_places
 from .array import TransducerArray, check_array
 from .diffraction import KERNELS
@@ -20,7 +21,7 @@ from .residual_table import ResidualTable
 if TYPE_CHECKING:
     from .tables import ArrayTables
 
-__all__ = ["Precision", "arrivals", "pressure", "transfer_matrix"]
+__all__ = ["Precision", "arrivals", "as_drive", "pressure", "transfer_matrix"]
 
 Precision = Literal["double", "single"]
 
@@ -85,6 +86,7 @@ def pressure(
     at: PointsLike,
     medium: Medium | None = None,
     precision: Precision = "double",
+    backend: Backend = "cpu",
 ) -> NDArray[np.complex128]:
     """Pressure that a drive makes at points, the paper's (6).
 
@@ -102,6 +104,9 @@ def pressure(
         complex128 in NumPy, or a compiled float32 kernel: within 2e-4 of the largest pressure, a hundred times as fast,
         and the choice for fields. For points more than 500 wavelengths away, or if nearly all is absorbed on the
         way, double precision is used all the same.
+    backend : {"cpu", "cuda"}
+        ``"cuda"`` computes on a GPU, in single precision. If there is no GPU, or the points are too far for single
+        precision, the processor does, and a warning says why.
 
     Returns
     -------
@@ -111,8 +116,30 @@ def pressure(
     Raises
     ------
     ValueError
-        If the drive has another length than the array, or as `transfer_matrix`.
+        If the drive has another length than the array, the backend is unknown or lacks the precision, or as
+        `transfer_matrix`.
     """
+    drive = as_drive(array, drive)
+    if precision not in get_args(Precision):
+        raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
+    check_backend(backend, precision)
+    points, medium = as_places(at), as_medium(medium)
+    tables = _reaching(array, points, medium) if precision == "single" else None
+    device = device_for(backend, None if tables else "single precision is too coarse for points so far away")
+    if tables is not None:
+        from .tables import pressure_at
+
+        return pressure_at(tables, array, drive, points, device)
+    result = np.empty(len(points), dtype=np.complex128)
+    at_a_time = max(1, PAIRS_AT_A_TIME // len(array))
+    for first in range(0, len(points), at_a_time):
+        part = slice(first, first + at_a_time)
+        result[part] = _transfer_matrix(array, points[part], medium, first) @ drive
+    return result
+
+
+def as_drive(array: TransducerArray, drive: ArrayLike) -> NDArray[np.complex128]:
+    """Drives (n,) of an array; `ValueError` if they are not as many as its transducers, or one is not finite."""
     check_array(array)
     try:
         drive = np.asarray(drive, dtype=np.complex128)
@@ -122,19 +149,7 @@ def pressure(
         raise ValueError(f"drive has the shape {drive.shape}, but the array has {len(array)} transducers")
     if (bad := np.flatnonzero(~np.isfinite(drive))).size:
         raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
-    if precision not in get_args(Precision):
-        raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
-    points, medium = as_places(at), as_medium(medium)
-    if precision == "single" and (tables := _reaching(array, points, medium)) is not None:
-        from .tables import pressure_at
-
-        return pressure_at(tables, array, drive, points)
-    result = np.empty(len(points), dtype=np.complex128)
-    at_a_time = max(1, PAIRS_AT_A_TIME // len(array))
-    for first in range(0, len(points), at_a_time):
-        part = slice(first, first + at_a_time)
-        result[part] = _transfer_matrix(array, points[part], medium, first) @ drive
-    return result
+    return drive
 
 
 def arrivals(array: TransducerArray, at: PointsLike, medium: Medium) -> NDArray[np.complex64]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from math import prod
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,12 +17,16 @@ from numpy.typing import NDArray
 
 from ..compiled import kernels
 from ..compiled.simd import LANES
+from ..compiled.threads import THREADS, share
 from ..geometry import frozen
 from .array import TransducerArray
 from .diffraction import KERNELS, REFERENCE_DISTANCE
 from .medium import Medium
 from .models import residual
 from .residual_table import ResidualTable
+
+if TYPE_CHECKING:
+    from jax import Device
 
 __all__ = [
     "aligned",
@@ -38,6 +42,7 @@ __all__ = [
 
 MEDIA = 8  # in which the tables of an array are kept at the same time
 POLYNOMIAL_ERROR = 2e-6
+SHARED_PAIRS = 50_000_000  # of points and transducers from which on threads share a field, 30 ms for one of them
 MAX_TURNS = 500  # wavelengths on the way, beyond which single precision makes more than 2e-4 of the phase
 ROWS_PER_KA2 = 8  # of a table in sin²θ, per (k·radius)²: linear interpolation is then within 3e-5
 
@@ -153,25 +158,40 @@ def aligned(*shape: int) -> NDArray[np.float32]:
 
 
 def pressure_at(
-    tables: ArrayTables, array: TransducerArray, drive: NDArray[np.complex128], points: NDArray[np.float64]
+    tables: ArrayTables,
+    array: TransducerArray,
+    drive: NDArray[np.complex128],
+    points: NDArray[np.float64],
+    device: Device | None = None,
 ) -> NDArray[np.complex128]:
-    """Pressure at (k, 3) points, in pascals; the points are not checked."""
-    emitted = aligned(2, tables.elements.shape[1])
+    """Pressure at (k, 3) points, in pascals, by a device of JAX or by the kernels; the points are not checked."""
     scaled = drive * array.response * array.transducer.polarity
+    if device is not None:
+        from ..accelerated.propagation import WaveTables, sum_pressure  # an extra
+
+        return tables.strength * sum_pressure(device, WaveTables(*tables[:4]), scaled, points - tables.origin)
+    emitted = aligned(2, tables.elements.shape[1])
     emitted[0, : len(array)], emitted[1, : len(array)] = scaled.real, scaled.imag
     pressure = np.empty(len(points), dtype=np.complex128)
     kernel: Callable[..., None] = kernels.sum_pressure if len(tables.wave) == 1 else kernels.sum_pressure_by_table
-    kernel(
-        tables.elements,
-        *tables.wave,
-        turns=tables.turns,
-        nepers=tables.nepers,
-        origin=tables.origin,
-        drive=emitted,
-        scale=tables.strength,
-        points=points,
-        pressure=pressure,
-    )
+    threads = THREADS if len(points) * len(array) >= SHARED_PAIRS else 1
+    each = -(-len(points) // (threads * kernels.POINTS)) * kernels.POINTS  # whole blocks: their bits stay the same
+
+    def work(thread: int) -> None:
+        part = slice(thread * each, (thread + 1) * each)
+        kernel(
+            tables.elements,
+            *tables.wave,
+            turns=tables.turns,
+            nepers=tables.nepers,
+            origin=tables.origin,
+            drive=emitted,
+            scale=tables.strength,
+            points=points[part],
+            pressure=pressure[part],
+        )
+
+    share(work, threads)
     return pressure
 
 

@@ -6,7 +6,7 @@ compiles them at their first call and keeps the result on disk.
 
 A complex matrix is two real ones, ``re`` and ``im``. B, the weighted transfer matrix, has a row for each control point
 and a column for each transducer; rows are padded with zeros to a multiple of `ROWS`, columns with transducers of gain 0
-to a multiple of `LANES`. Matrices over control points have their rows padded to `LANES`.
+to a multiple of `LANES`. Matrices over control points have their rows padded by `pad`.
 """
 
 from __future__ import annotations
@@ -32,11 +32,13 @@ X, Y, Z, NX, NY, NZ, GAIN, LEAD, LIMIT, ELEMENT_ROWS = range(10)
 """Rows of the table of transducers: position/m, normal, gain, phase of the response in turns, largest drive."""
 
 RESPONSE, INVERSE, WANTED, AIM, RHS, SOLUTION, FELT = (0, 0), (0, 1), (1, 0), 2, 3, 4, 5
-"""In `Parts.vectors`: the response of (9), 1/diag(L), and the amplitudes, the largest of which is 1; and, complex, the
-wanted pressure, its copy that `substitute` uses up, the y that this finds, and the pressure that `reproduce` finds."""
+"""In `Parts.vectors`: the response of (9), 1/diag(L), and the amplitudes, the largest of which is 1; scratch; and,
+complex, the wanted pressure, which `substitute` uses up, the y that this finds, and the pressure that `reproduce`
+finds."""
 
-REACH, WEIGHT, DRIVE, UNWEIGHED = (0, 0), (0, 1), 1, 2
-"""In `Parts.spans`: reach and weight as in `weigh`; and, complex, the drive and scratch of `reproduce`."""
+REACH, WEIGHT, DRIVE, UNWEIGHED, SEARCH, TURN = (0, 0), (0, 1), 1, 2, 3, 4
+"""In `Parts.spans`: reach and weight as in `weigh`; and, complex, the drive and scratch of `reproduce` and of
+`find_turns`."""
 
 SOLVED, PHASE, LIMITED = range(3)
 """Output policies."""
@@ -44,7 +46,7 @@ SOLVED, PHASE, LIMITED = range(3)
 COLD = 0
 """Place of the cold phases among those that an engine keeps."""
 
-TURNS, GAMMA, MU, HEADROOM, RELAXATION, NUDGE, SETTINGS = range(7)
+TURNS, GAMMA, MU, HEADROOM, TOLERANCE, FLAT, NUDGE, SETTINGS = range(8)
 """Numbers in an update's settings, float32: wave fronts per metre, and those of the method."""
 
 DIRECTIVITY_TERMS = 7
@@ -74,6 +76,11 @@ def _kernel(function: Function) -> Function:
 def _part(function: Function) -> Function:
     """For parts of kernels, compiled into them."""
     return cast(Function, njit(inline="always", error_model="numpy", fastmath=FAST)(function))
+
+
+def _shared(function: Function) -> Function:
+    """For a long part, compiled once for all kernels of a process, which call it."""
+    return cast(Function, njit(error_model="numpy", fastmath=FAST)(function))
 
 
 def _jitable(function: Function) -> Function:
@@ -114,8 +121,8 @@ def _decay(nepers: Any) -> Any:
     """exp(−nepers) for 0 … `MAX_NEPERS`."""
     y = F(0.125) * nepers
     e = F(1) - y * (F(1) - y * (F(1 / 2) - y * (F(1 / 6) - y * (F(1 / 24) - y * F(1 / 120)))))
-    e *= e
-    e *= e
+    e = e * e
+    e = e * e
     return e * e
 
 
@@ -130,7 +137,7 @@ def _arrival(
     cosine = (dx * nx + dy * ny + dz * nz) * inverse
     amplitude = gain * inverse * _directivity(c, F(1) - cosine * cosine)
     if nepers is not None:
-        amplitude *= _decay(nepers * r)
+        amplitude = amplitude * _decay(nepers * r)
     return if_positive(cosine, amplitude), turns * r + lead
 
 
@@ -158,7 +165,7 @@ def _looked_up(
     im = a * table[i, j, 1] + b * table[i, j + 1, 1] + c * table[i + 1, j, 1] + d * table[i + 1, j + 1, 1]
     amplitude = gain * inverse
     if nepers is not None:
-        amplitude *= _decay(nepers * r)
+        amplitude = amplitude * _decay(nepers * r)
     if cosines == 1:
         amplitude *= cosine
     if growth > F(0):
@@ -279,30 +286,35 @@ def fill_gram(re: Any, im: Any, gram_re: Any, gram_im: Any) -> None:
     With a = x + iy and c = u + iv: Re(a·c*) = xu + yv and Im(a·c*) = (x + y)(u − v) − xu + yv, three products for four.
     """
     rows, columns = re.shape
-    zero = spread(F(0))
     for tile in range(0, rows, TILE):
         for i in range(tile, rows, 2):
             for j in range(tile, min(i + 2, tile + TILE), 2):
-                p00 = p01 = p10 = p11 = q00 = q01 = q10 = q11 = s00 = s01 = s10 = s11 = zero
-                for q in range(0, columns, LANES):
-                    ar, ai, br, bi = load(re, i, q), load(im, i, q), load(re, i + 1, q), load(im, i + 1, q)
-                    cr, ci, dr, di = load(re, j, q), load(im, j, q), load(re, j + 1, q), load(im, j + 1, q)
-                    p00, p01, p10, p11 = p00 + ar * cr, p01 + ar * dr, p10 + br * cr, p11 + br * dr
-                    q00, q01, q10, q11 = q00 + ai * ci, q01 + ai * di, q10 + bi * ci, q11 + bi * di
-                    a, b, c, d = ar + ai, br + bi, cr - ci, dr - di
-                    s00, s01, s10, s11 = s00 + a * c, s01 + a * d, s10 + b * c, s11 + b * d
-                r00, r01, r10, r11, i00, i01, i10, i11 = totals((
-                    p00 + q00, p01 + q01, p10 + q10, p11 + q11,
-                    s00 - p00 + q00, s01 - p01 + q01, s10 - p10 + q10, s11 - p11 + q11,
-                ))  # fmt: skip
-                _enter(gram_re, gram_im, i, j, r00, i00)
-                _enter(gram_re, gram_im, i, j + 1, r01, i01)
-                _enter(gram_re, gram_im, i + 1, j, r10, i10)
-                _enter(gram_re, gram_im, i + 1, j + 1, r11, i11)
+                r00, r01, r10, r11, s00, s01, s10, s11 = products(re, im, i, j, columns)
+                enter(gram_re, gram_im, i, j, r00, s00)
+                enter(gram_re, gram_im, i, j + 1, r01, s01)
+                enter(gram_re, gram_im, i + 1, j, r10, s10)
+                enter(gram_re, gram_im, i + 1, j + 1, r11, s11)
 
 
 @_part
-def _enter(gram_re: Any, gram_im: Any, i: int, j: int, re: Any, im: Any) -> None:
+def products(re: Any, im: Any, i: int, j: int, columns: int) -> Any:
+    """Rows i and i + 1 times the conjugates of rows j and j + 1: four real parts, then the imaginary ones."""
+    p00 = p01 = p10 = p11 = q00 = q01 = q10 = q11 = s00 = s01 = s10 = s11 = spread(F(0))
+    for q in range(0, columns, LANES):
+        ar, ai, br, bi = load(re, i, q), load(im, i, q), load(re, i + 1, q), load(im, i + 1, q)
+        cr, ci, dr, di = load(re, j, q), load(im, j, q), load(re, j + 1, q), load(im, j + 1, q)
+        p00, p01, p10, p11 = p00 + ar * cr, p01 + ar * dr, p10 + br * cr, p11 + br * dr
+        q00, q01, q10, q11 = q00 + ai * ci, q01 + ai * di, q10 + bi * ci, q11 + bi * di
+        a, b, c, d = ar + ai, br + bi, cr - ci, dr - di
+        s00, s01, s10, s11 = s00 + a * c, s01 + a * d, s10 + b * c, s11 + b * d
+    return totals((
+        p00 + q00, p01 + q01, p10 + q10, p11 + q11,
+        s00 - p00 + q00, s01 - p01 + q01, s10 - p10 + q10, s11 - p11 + q11,
+    ))  # fmt: skip
+
+
+@_part
+def enter(gram_re: Any, gram_im: Any, i: int, j: int, re: Any, im: Any) -> None:
     """Write an entry of a Hermitian matrix and its mirror image."""
     gram_re[i, j], gram_im[i, j] = re, im
     gram_re[j, i], gram_im[j, i] = re, -im
@@ -553,7 +565,10 @@ def reproduce(re: Any, im: Any, weight: Any, x: Any, v: Any, p: Any) -> None:
 
 
 class Parts(NamedTuple):
-    """Views of a work space: B, G, L, vectors over points, (6, 2, padded), and over transducers, (3, 2, columns)."""
+    """Views of a work space: B, G, L, vectors over points, (6, 2, padded), and over transducers, (5, 2, columns).
+
+    ``slopes``, (2·rows of B, columns), is that of `differentiate`.
+    """
 
     re: Any
     im: Any
@@ -563,13 +578,25 @@ class Parts(NamedTuple):
     lower_im: Any
     vectors: Any
     spans: Any
+    slopes: Any
+
+
+@_jitable
+def pad(rows: int) -> int:
+    """Length of a row of a matrix over control points.
+
+    Walking down the columns of G and L meets few sets of the cache if a row is a multiple of 1 KB long: 20 steps of the
+    phases then took three times as long at 1024 points, and the factorisation 1.8 times.
+    """
+    padded = (rows + LANES - 1) // LANES * LANES
+    return padded + LANES if padded % 256 == 0 else padded
 
 
 @_jitable
 def carve(work: Any, m: int, columns: int) -> Parts:
     """The parts of the work space of m points."""
     rows = (m + ROWS - 1) // ROWS * ROWS
-    padded = (rows + LANES - 1) // LANES * LANES
+    padded = pad(rows)
     big, square = rows * columns, padded * padded
     at = 0
     re = work[at : at + big].reshape(rows, columns)
@@ -586,15 +613,20 @@ def carve(work: Any, m: int, columns: int) -> Parts:
     at += square
     vectors = work[at : at + 12 * padded].reshape(6, 2, padded)
     at += 12 * padded
-    spans = work[at : at + 6 * columns].reshape(3, 2, columns)
-    return Parts(re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans)
+    spans = work[at : at + 10 * columns].reshape(5, 2, columns)
+    at += 10 * columns
+    slopes = work[at : at + 2 * big].reshape(2 * rows, columns)
+    return Parts(re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans, slopes)
 
 
 def work_size(m: int, columns: int) -> int:
-    """Length of the work space of m points, in float32."""
+    """Length of the work space of m points, in float32: B, the slopes, G and L once each, and some vectors.
+
+    1024 points and 16 384 transducers need 286 MB: 134 for B, and as much for slopes, of which half are those of nulls.
+    """
     rows = -(-m // ROWS) * ROWS
-    padded = -(-rows // LANES) * LANES
-    return 2 * rows * columns + 4 * padded * padded + 12 * padded + 6 * columns
+    padded = pad(rows)
+    return 4 * rows * columns + 4 * padded * padded + 12 * padded + 10 * columns
 
 
 @_part
@@ -640,23 +672,35 @@ def model_by_table(
 def _begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: Any, work: Any) -> None:
     """From the transfer matrix and reach to B, G, the response of (9), and the phases u."""
     parts = carve(work, m, columns)
-    re, im, gram_re, gram_im, vectors, spans = (
-        parts.re, parts.im, parts.gram_re, parts.gram_im, parts.vectors, parts.spans
-    )  # fmt: skip
-    wanted, response, reach, weight = vectors[WANTED], vectors[RESPONSE], spans[REACH], spans[WEIGHT]
+    weigh_all(m, columns, gamma, work)
+    gram_re, gram_im, rows = parts.gram_re, parts.gram_im, len(parts.re)
+    for i in range(len(gram_re)):
+        for j in range(rows if i < rows else 0, len(gram_re)):
+            gram_re[i, j] = gram_im[i, j] = F(0)
+    fill_gram(parts.re, parts.im, gram_re, gram_im)
+    align(m, columns, phase_steps, power, u, work)
+
+
+@_part
+def weigh_all(m: int, columns: int, gamma: Any, work: Any) -> None:
+    """From the transfer matrix and reach to B."""
+    parts = carve(work, m, columns)
+    re, im, spans = parts.re, parts.im, parts.spans
     for i in range(m, len(re)):
         for q in range(columns):
             re[i, q] = im[i, q] = F(0)
-    weigh(re[:m], im[:m], reach, m, gamma, weight)
-    rows, padded = len(re), len(gram_re)
-    for i in range(padded):
-        response[i] = F(0)
-        for j in range(rows if i < rows else 0, padded):
-            gram_re[i, j] = gram_im[i, j] = F(0)
-    fill_gram(re, im, gram_re, gram_im)
-    for j in range(m):
-        response[j] = wanted[j] / max(gram_re[j, j], TINY)
-    iterate_phases(gram_re, gram_im, response, rows, phase_steps, power, u, vectors[AIM])
+    weigh(re[:m], im[:m], spans[REACH], m, gamma, spans[WEIGHT])
+
+
+@_part
+def align(m: int, columns: int, phase_steps: int, power: bool, u: Any, work: Any) -> None:
+    """From G to the response of (9) and the phases u."""
+    parts = carve(work, m, columns)
+    gram_re, vectors = parts.gram_re, parts.vectors
+    wanted, response = vectors[WANTED], vectors[RESPONSE]
+    for i in range(len(gram_re)):
+        response[i] = wanted[i] / max(gram_re[i, i], TINY) if i < m else F(0)
+    iterate_phases(gram_re, parts.gram_im, response, len(parts.re), phase_steps, power, u, vectors[AIM])
 
 
 @_kernel
@@ -713,59 +757,160 @@ def more_phases(m: int, columns: int, steps: int, power: bool, u: Any, work: Any
 
 
 @_part
-def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
-            work: Any, drive: Any) -> None:  # fmt: skip
-    """Solve for the drive with the phases u, and correct it ``steps`` times; the best iterate is kept."""
-    re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = carve(work, m, elements.shape[1])
-    inverse, wanted, b, rhs = vectors[INVERSE], vectors[WANTED], vectors[AIM], vectors[RHS]
-    y, p, weight, x, v = vectors[SOLUTION], vectors[FELT], spans[WEIGHT], spans[DRIVE], spans[UNWEIGHED]
-    rows = len(re)
-    factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse)
+def differentiate(re: Any, im: Any, v: Any, p: Any, wanted: Any, m: int, slopes: Any) -> int:
+    """Write how |p|, p = B·v, changes if an entry of v turns, a row for each point; returns the number of rows.
+
+    A null has a second row, for p at right angles to what it is, after the rows of all points. Rows are padded with
+    zeros to a multiple of `ROWS`.
+    """
+    columns = re.shape[1]
+    rows = m
+    for i in range(m):
+        size2 = p[0, i] * p[0, i] + p[1, i] * p[1, i]
+        inverse = F(1) / np.sqrt(size2 + TINY)
+        c, s = spread(p[0, i] * inverse), spread(p[1, i] * inverse)
+        for q in range(0, columns, LANES):
+            v_re, v_im = load(v, 0, q), load(v, 1, q)
+            store(slopes, i, q, load(re, i, q) * (s * v_re - c * v_im) - load(im, i, q) * (c * v_re + s * v_im))
+        if wanted[i] == F(0):
+            for q in range(0, columns, LANES):
+                v_re, v_im = load(v, 0, q), load(v, 1, q)
+                store(slopes, rows, q, load(re, i, q) * (c * v_re + s * v_im) + load(im, i, q) * (s * v_re - c * v_im))
+            rows += 1
+    padded = (rows + ROWS - 1) // ROWS * ROWS
+    for i in range(rows, padded):
+        for q in range(columns):
+            slopes[i, q] = F(0)
+    return padded
+
+
+@_part
+def find_turns(
+    slopes: Any, rows: int, wanted: Any, m: int, iterations: int, flat: Any,
+    residual: Any, image: Any, search: Any, turn: Any,
+) -> None:  # fmt: skip
+    """Phases ``turn[0]`` for which slopes·turn comes near the residual, but for a part of ``wanted``.
+
+    By conjugate gradients, as `reference.conjugate_gradients`. ``residual``, which is used up, and ``image`` have a
+    number for each row; ``search`` and the rest of ``turn`` are scratch.
+    """
+    columns = slopes.shape[1]
+    first, before, norm = F(0), F(0), F(0)
+    for i in range(m):
+        norm += wanted[i] * wanted[i]
+    for q in range(columns):
+        turn[0, q] = search[0, q] = F(0)
+    for iteration in range(iterations):
+        for q in range(columns):
+            search[1, q] = F(0)
+        for i in range(0, rows, ROWS):
+            a, b, c, d = spread(residual[i]), spread(residual[i + 1]), spread(residual[i + 2]), spread(residual[i + 3])
+            for q in range(0, columns, LANES):
+                two = load(slopes, i, q) * a + load(slopes, i + 1, q) * b
+                four = two + (load(slopes, i + 2, q) * c + load(slopes, i + 3, q) * d)
+                store(search, 1, q, load(search, 1, q) + four)
+        gradient2 = F(0)
+        for q in range(columns):
+            gradient2 += search[1, q] * search[1, q]
+        if iteration == 0:
+            first = gradient2
+        elif gradient2 <= flat * flat * first:
+            break
+        ratio = gradient2 / before if iteration > 0 else F(0)
+        before = gradient2
+        for q in range(columns):
+            search[0, q] = search[1, q] + ratio * search[0, q]
+        for i in range(0, rows, ROWS):
+            a = b = c = d = spread(F(0))
+            for q in range(0, columns, LANES):
+                along = load(search, 0, q)
+                a, b = a + load(slopes, i, q) * along, b + load(slopes, i + 1, q) * along
+                c, d = c + load(slopes, i + 2, q) * along, d + load(slopes, i + 3, q) * along
+            image[i], image[i + 1], image[i + 2], image[i + 3] = total(a), total(b), total(c), total(d)
+        level = image2 = F(0)
+        for i in range(m):
+            level += wanted[i] * image[i] / norm
+        for i in range(m):
+            image[i] -= level * wanted[i]
+        for i in range(rows):
+            image2 += image[i] * image[i]
+        length = gradient2 / (image2 + TINY)
+        for i in range(rows):
+            residual[i] -= length * image[i]
+        for q in range(columns):
+            turn[0, q] += length * search[0, q]
+
+
+@_shared
+def _correct(m: int, tolerance: Any, gradients: int, flat: Any, steps: int, limit: Any, work: Any,
+             drive: Any) -> None:  # fmt: skip
+    """Turn the phases of the drive until the pressures are even, in at most ``steps`` steps; the best one is kept."""
+    parts = carve(work, m, len(limit))
+    vectors, spans = parts.vectors, parts.spans
+    wanted, p, x, v = vectors[WANTED], vectors[FELT], spans[DRIVE], spans[UNWEIGHED]
+    residual, image = vectors[AIM].reshape(vectors[AIM].size), vectors[RHS].reshape(vectors[RHS].size)
+    best = F(1e30)
+    for step in range(steps + 1):
+        reproduce(parts.re, parts.im, spans[WEIGHT], x, v, p)
+        fit, norm, error = F(0), F(0), F(0)
+        for i in range(m):
+            residual[i] = np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
+            fit += wanted[i] * residual[i]
+            norm += wanted[i] * wanted[i]
+        fit /= norm
+        if not fit > TINY:
+            return
+        for i in range(m):
+            residual[i] = wanted[i] - residual[i] / fit
+            error += residual[i] * residual[i]
+        error = np.sqrt(error / F(m))
+        if error < best:
+            best = error
+            for q in range(len(drive)):
+                size = np.sqrt(x[0, q] * x[0, q] + x[1, q] * x[1, q]) + TINY
+                scale = min(F(1), BELOW * limit[q] / size)  # turning rounds
+                drive[q] = complex(x[0, q] * scale, x[1, q] * scale)
+        if error < tolerance or step == steps:
+            return
+        rows = differentiate(parts.re, parts.im, v, p, wanted, m, parts.slopes)
+        for i in range(m, rows):
+            residual[i] = F(0)
+        find_turns(parts.slopes, rows, wanted, m, gradients, flat, residual, image, spans[SEARCH], spans[TURN])
+        for q in range(x.shape[1]):
+            half = F(0.5) * fit * spans[TURN][0, q]
+            scale = F(1) / (F(1) + half * half)
+            c, s = scale * (F(1) - half * half), scale * (half + half)
+            x[0, q], x[1, q] = c * x[0, q] - s * x[1, q], s * x[0, q] + c * x[1, q]
+
+
+@_part
+def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int,
+            flat: Any, steps: int, work: Any, drive: Any) -> None:  # fmt: skip
+    """Solve for the drive with the phases u, and correct it as `_correct` does."""
+    parts = carve(work, m, elements.shape[1])
+    vectors, x, limit = parts.vectors, parts.spans[DRIVE], elements[LIMIT]
+    inverse, wanted, b, y = vectors[INVERSE], vectors[WANTED], vectors[RHS], vectors[SOLUTION]
+    rows = len(parts.re)
+    factorise(parts.gram_re, parts.gram_im, m, rows, mu, parts.lower_re, parts.lower_im, inverse)
     for i in range(b.shape[1]):
         b[0, i] = b[1, i] = F(0)
-    norm = F(0)
     for i in range(m):
         scale = wanted[i] / np.sqrt(u[0, i] * u[0, i] + u[1, i] * u[1, i] + TINY)
         b[0, i], b[1, i] = scale * u[0, i], scale * u[1, i]
-        norm += wanted[i] * wanted[i]
-    best = F(1e30)
-    for _ in range(steps + 1):
-        for i in range(b.shape[1]):
-            rhs[0, i], rhs[1, i] = b[0, i], b[1, i]
-        substitute(lower_re, lower_im, inverse, rows, rhs, y)
-        back_project(re, im, weight, y, x)
-        limit_drive(x, elements[LIMIT], output, headroom)
-        if steps > 0:
-            reproduce(re, im, weight, x, v, p)
-            fit = F(0)
-            for i in range(m):
-                fit += wanted[i] * np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
-            if not fit > TINY:
-                if best == F(1e30):  # even silence is better than nothing
-                    for q in range(len(drive)):
-                        drive[q] = complex(x[0, q], x[1, q])
-                break
-            fit /= norm
-            error = F(0)
-            for i in range(m):
-                size = np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
-                error += (size - fit * wanted[i]) ** 2
-                pull = relaxation * (wanted[i] / (size + TINY) - F(1) / fit)
-                b[0, i] += pull * p[0, i]
-                b[1, i] += pull * p[1, i]
-            error = np.sqrt(error / F(m)) / fit
-            if error >= best:
-                continue
-            best = error
-        for q in range(len(drive)):
-            drive[q] = complex(x[0, q], x[1, q])
+    substitute(parts.lower_re, parts.lower_im, inverse, rows, b, y)
+    back_project(parts.re, parts.im, parts.spans[WEIGHT], y, x)
+    limit_drive(x, limit, output, headroom)
+    for q in range(len(drive)):
+        drive[q] = complex(x[0, q], x[1, q])
+    if steps > 0:
+        _correct(m, tolerance, gradients, flat, steps, limit, work, drive)
 
 
 @_kernel
-def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
-           work: Any, drive: Any) -> None:  # fmt: skip
+def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int,
+           flat: Any, steps: int, work: Any, drive: Any) -> None:  # fmt: skip
     """Solve for the drive with the phases u, and correct it; see `_finish`."""
-    _finish(elements, m, u, mu, output, headroom, relaxation, steps, work, drive)
+    _finish(elements, m, u, mu, output, headroom, tolerance, gradients, flat, steps, work, drive)
 
 
 @_part
@@ -800,8 +945,8 @@ def level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
 @_part
 def _update(
     elements: Any, directivity: Any, nepers: Any, origin: Any, settings: Any, phase_steps: int, power: int,
-    output: int, steps: int, points: Any, amplitudes: Any, ids: Any, before_ids: Any, before: Any, cold: Any,
-    work: Any, u: Any, drive: Any,
+    output: int, steps: int, gradients: int, points: Any, amplitudes: Any, ids: Any, before_ids: Any, before: Any,
+    cold: Any, work: Any, u: Any, drive: Any,
 ) -> None:  # fmt: skip
     """One update from points to drives; the phases u begin as `_carry` has them."""
     m = len(points)
@@ -810,13 +955,14 @@ def _update(
            points=points, amplitudes=amplitudes, work=work)  # fmt: skip
     _begin(m, elements.shape[1], settings[GAMMA], phase_steps, power != 0, u, work)
     _finish(elements=elements, m=m, u=u, mu=settings[MU], output=output, headroom=settings[HEADROOM],
-            relaxation=settings[RELAXATION], steps=steps, work=work, drive=drive)  # fmt: skip
+            tolerance=settings[TOLERANCE], gradients=gradients, flat=settings[FLAT], steps=steps, work=work,
+            drive=drive)  # fmt: skip
 
 
 @_kernel
 def update(
     elements: Any, directivity: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any, power: int,
-    output: int, steps: int, settings: Any, phase_steps: int, points: Any, amplitudes: Any, ids: Any,
+    output: int, steps: int, gradients: int, settings: Any, phase_steps: int, points: Any, amplitudes: Any, ids: Any,
     before_ids: Any, phases: Any, last: int, work: Any, drive: Any, sure: int,
 ) -> int:  # fmt: skip
     """One update without Python in between.
@@ -829,7 +975,7 @@ def update(
     if found < 0:
         _update(
             elements=elements, directivity=directivity, nepers=nepers, origin=origin, settings=settings,
-            phase_steps=phase_steps, power=power, output=output, steps=steps,
+            phase_steps=phase_steps, power=power, output=output, steps=steps, gradients=gradients,
             points=points, amplitudes=amplitudes, ids=ids,
             before_ids=before_ids, before=phases[last], cold=phases[COLD], work=work, u=phases[3 - last], drive=drive,
         )  # fmt: skip
@@ -839,7 +985,7 @@ def update(
 @_kernel
 def update_frames(
     elements: Any, directivity: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any, power: int,
-    output: int, steps: int, settings: Any, phase_steps: int, points: Any, amplitudes: Any, begins: Any,
+    output: int, steps: int, gradients: int, settings: Any, phase_steps: int, points: Any, amplitudes: Any, begins: Any,
     first: int, stride: int, ids: Any, phases: Any, work: Any, drives: Any,
 ) -> int:  # fmt: skip
     """Every ``stride``-th frame from ``first`` on, each from a cold start, without Python in between.
@@ -854,7 +1000,7 @@ def update_frames(
             suspect = f
         _update(
             elements=elements, directivity=directivity, nepers=nepers, origin=origin, settings=settings,
-            phase_steps=phase_steps, power=power, output=output, steps=steps,
+            phase_steps=phase_steps, power=power, output=output, steps=steps, gradients=gradients,
             points=frame, amplitudes=amplitudes[begins[f] : begins[f + 1]],
             ids=ids, before_ids=ids[:0], before=phases[1], cold=phases[COLD], work=work, u=phases[2],
             drive=drives[f],

@@ -60,6 +60,7 @@ HOLD = 0.2  # of a step: by how much more than half a step a stretch must change
 ROUNDING = 1e-6  # of a step: an exact fit is one
 HALVINGS = 24  # of the interval in which `counts` looks for the density that the room allows
 ROUNDS = 60  # at most of Newton's iteration in `locate`
+NOBODY = -1
 OUTWARD = (0.83, 0.49, 0.27)  # a closed arc begins at its farthest vertex in this direction, which no usual face has
 
 
@@ -189,6 +190,8 @@ def strength(piece: Any, place: Any, spacing: Any) -> Any:
 def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, felt: Any, held: Any, spacing: Any) -> Any:
     """Divide the arcs that are felt at their anchors: sharp crossings, the sharper of two too close for two points.
 
+    No sharp crossing that may be an anchor is farther than `CLOSEST` from one.
+
     Parameters
     ----------
     starts, closed, curvature, reached
@@ -215,18 +218,27 @@ def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, felt: Any,
         if not felt[arc]:
             continue
         begin, end = starts[arc], starts[arc + 1] - 1
-        kept = 0
+        kept, displaced = 0, NOBODY
         for i in range(begin, end if closed[arc] else end + 1):
             margin = min(reached[i] - reached[begin], reached[end] - reached[i])
             inside = closed[arc] or i in (begin, end) or margin >= SLIGHT
-            if curvature[i] >= SHARP and (inside or held[i]):
-                if kept == 0 or reached[i] - reached[anchors[kept - 1]] >= closest:
-                    anchors[kept] = i
-                    kept += 1
-                elif curvature[i] > SHARPER * curvature[anchors[kept - 1]] and not (closed[arc] and kept == 1):
+            if not (curvature[i] >= SHARP and (inside or held[i])):
+                continue
+            if kept == 0 or reached[i] - reached[anchors[kept - 1]] >= closest:
+                anchors[kept], displaced = i, NOBODY
+                kept += 1
+            elif curvature[i] > SHARPER * curvature[anchors[kept - 1]] and not (closed[arc] and kept == 1):
+                if displaced == NOBODY:
+                    displaced, anchors[kept - 1] = anchors[kept - 1], i
+                elif reached[i] - reached[displaced] < closest:
                     anchors[kept - 1] = i
+                else:  # the one that had displaced it goes, so there is room for it again
+                    anchors[kept - 1], anchors[kept], displaced = displaced, i, NOBODY
+                    kept += 1
         if closed[arc] and kept > 1 and reached[end] - reached[anchors[kept - 1]] < closest:
             kept -= 1
+            if displaced != NOBODY and reached[end] - reached[displaced] >= closest:
+                anchors[kept], kept = displaced, kept + 1
         gap, last = (0.0 if closed[arc] else 0.5), begin
         for j in range(kept):
             if anchors[j] > begin:

@@ -15,7 +15,6 @@ from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.tables import aligned, tables_of
 from ..compiled import kernels
-from ..compiled.simd import LANES
 from ..geometry import frozen
 from ..shapes.points import ControlPoints, check_reachable
 from . import paired_kernels
@@ -116,7 +115,7 @@ class CompiledPair:
         start = cold_start(m)
         self._cold = np.stack([start.real, start.imag]).astype(np.float32)
         self._work = aligned(kernels.work_size(m, self._tables.elements.shape[1]))
-        self._u = aligned(2, -(-m // LANES) * LANES)
+        self._u = aligned(2, kernels.pad(m))
         more = (0, m - self._kept.shape[2])
         self._kept_ids = np.pad(self._kept_ids, ((0, 0), more))
         self._kept = np.pad(self._kept, ((0, 0), (0, 0), more))

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
-from ..acoustics.propagation import transfer_matrix
+from ..acoustics.propagation import PAIRS_AT_A_TIME, transfer_matrix
 from ..acoustics.tables import ArrayTables, aligned, can_reach, tables_of
-from ..compiled import kernels
-from ..compiled.simd import LANES
+from ..compiled import block_kernels, kernels
+from ..compiled.threads import THREADS
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from .methods import METHODS, Kernels
-from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options
+from .options import FLAT, GRADIENTS, HEADROOM, LEAST_GAIN, NUDGE, TOLERANCE, Options
 from .reference import cold_start
 from .reference_engine import drive_each
 
@@ -58,7 +58,8 @@ def settings_of(tables: ArrayTables, options: Options) -> NDArray[np.float32]:
     """The numbers of an update as kernels read them."""
     settings = np.empty(kernels.SETTINGS, np.float32)
     settings[kernels.TURNS], settings[kernels.GAMMA], settings[kernels.MU] = tables.turns, options.gamma, options.mu
-    settings[kernels.HEADROOM], settings[kernels.RELAXATION], settings[kernels.NUDGE] = HEADROOM, RELAXATION, NUDGE
+    settings[kernels.HEADROOM], settings[kernels.NUDGE] = HEADROOM, NUDGE
+    settings[kernels.TOLERANCE], settings[kernels.FLAT] = TOLERANCE, FLAT
     return settings
 
 
@@ -74,6 +75,7 @@ def way_of(tables: ArrayTables, method: str, options: Options) -> tuple[Any, ...
         int(options.phases == "power"),
         OUTPUTS[options.policy],
         options.steps if kernels_of(method).corrected else 0,
+        GRADIENTS,
     )
 
 
@@ -90,10 +92,15 @@ class CompiledEngine:
         One of `METHODS` that has kernels.
     options : Options
         With an output policy.
+    threads : int, optional
+        That a big problem is shared among, `THREADS` by default. They do not change a bit of the result.
     """
 
-    def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
+    def __init__(
+        self, array: TransducerArray, medium: Medium, method: str, options: Options, threads: int | None = None
+    ) -> None:
         self._array, self._medium, self._uses, self._options = array, medium, kernels_of(method), options
+        self._threads = threads or THREADS
         self._tables = tables_of(array, medium)
         self._modelled = is_modelled(self._tables)
         self._timeless = is_timeless(self._tables, method, options)
@@ -102,8 +109,8 @@ class CompiledEngine:
         self._held = self._settings.copy()
         self._held[kernels.NUDGE] = 0
         self._way = way_of(self._tables, method, options)
-        *_, self._power, self._output, self._steps = self._way
-        self._plain, self._phases, self._last = NO_IDS, aligned(3, 2, 0), 1
+        *_, self._power, self._output, self._steps, self._gradients = self._way
+        self._most, self._plain, self._phases, self._last = 0, NO_IDS, aligned(3, 2, 0), 1
         self.forget()
 
     def forget(self) -> None:
@@ -121,7 +128,7 @@ class CompiledEngine:
             If a point cannot be reached.
         """
         m = len(points.positions)
-        if m > self._phases.shape[2]:
+        if m > self._most:
             self._make_room(m)
         drive = np.empty(self._transducers, np.complex128)
         if not self._uses.weighed:
@@ -139,7 +146,7 @@ class CompiledEngine:
                 before = NO_IDS
         held = keep and len(before) == m
         settings, phase_steps = (self._held, 0) if held else (self._settings, self._options.phase_steps)
-        solve = self._solve_at_once if self._timeless else self._solve_in_steps
+        solve = self._solve_at_once if self._timeless and not self._is_big(m) else self._solve_in_steps
         solve(settings, phase_steps, points, ids, before, drive)
         if self._uses.polished:
             polished = drive.astype(np.complex64)
@@ -186,14 +193,19 @@ class CompiledEngine:
         before: NDArray[np.int64],
         drive: NDArray[np.complex128],
     ) -> None:
-        """What `_solve_at_once` does, for any transducer and with a clock."""
+        """What `_solve_at_once` does, for any transducer, for big problems and with a clock."""
         m, columns, work, power = len(points), self._columns, self._work, self._power
         self._model(points)
         cold, last, u = (self._phases[place] for place in (kernels.COLD, self._last, 3 - self._last))
         kernels.carry(m, ids, before, last, cold, settings[kernels.NUDGE], u)
         self._ids, self._last = ids, 3 - self._last
         seconds = self._options.phase_seconds
-        kernels.begin(m, columns, settings[kernels.GAMMA], phase_steps if seconds is None else 0, power, u, work)
+        first_steps = phase_steps if seconds is None else 0
+        if self._is_big(m):
+            gamma = settings[kernels.GAMMA]
+            block_kernels.begin(m, columns, gamma, first_steps, power, u, work, threads=self._threads)
+        else:
+            kernels.begin(m, columns, settings[kernels.GAMMA], first_steps, power, u, work)
         if seconds is not None:
             end = perf_counter() + seconds
             for _ in range(phase_steps):
@@ -207,7 +219,9 @@ class CompiledEngine:
             mu=settings[kernels.MU],
             output=self._output,
             headroom=settings[kernels.HEADROOM],
-            relaxation=settings[kernels.RELAXATION],
+            tolerance=settings[kernels.TOLERANCE],
+            gradients=self._gradients,
+            flat=settings[kernels.FLAT],
             steps=self._steps,
             work=work,
             drive=drive,
@@ -226,12 +240,12 @@ class CompiledEngine:
         ValueError
             As `drive`.
         """
-        if self._uses.polished or not self._timeless:
+        largest = max(len(points) for points in frames)
+        if self._uses.polished or not self._timeless or self._is_big(largest):
             drive_each(self, frames, first, stride, drives)
             return
         begins = np.cumsum([0, *(len(points) for points in frames)])
-        largest = max(len(points) for points in frames)
-        if largest > self._phases.shape[2]:
+        if largest > self._most:
             self._make_room(largest)
         self.forget()
         update_frames: Callable[..., int] = kernels.update_frames
@@ -255,12 +269,12 @@ class CompiledEngine:
 
     def _make_room(self, m: int) -> None:
         """For m points, with the phases of the last ones."""
-        width = -(-m // LANES) * LANES
+        self._most, width = m, kernels.pad(m)
         start, kept = cold_start(width), self._phases
         self._phases = aligned(3, 2, width)
         self._phases[:, :, : kept.shape[2]] = kept
         self._phases[kernels.COLD] = start.real, start.imag
-        self._work = aligned(kernels.work_size(width, self._columns))
+        self._work = aligned(kernels.work_size(m, self._columns))
 
     def _model(self, points: ControlPoints) -> None:
         tables = self._tables
@@ -289,11 +303,16 @@ class CompiledEngine:
         m, n = len(points), self._transducers
         parts = kernels.carve(self._work, m, self._columns)
         re, im, reach = parts.re, parts.im, parts.spans[kernels.REACH]
-        matrix = transfer_matrix(self._array, points.positions, self._medium) / self._tables.strength
-        matrix *= self._array.able
-        re[:m, :n], im[:m, :n] = matrix.real, matrix.imag
-        re[:m, n:] = im[:m, n:] = 0
         wanted = points.amplitudes / points.amplitudes.max()
         parts.vectors[kernels.WANTED][:m] = wanted
-        reach[:n] = wanted @ np.abs(matrix)
-        reach[n:] = 0
+        re[:m, n:] = im[:m, n:] = reach[:] = 0
+        at_a_time = max(1, PAIRS_AT_A_TIME // n)
+        for first in range(0, m, at_a_time):
+            part = slice(first, min(first + at_a_time, m))
+            matrix = transfer_matrix(self._array, points.positions[part], self._medium) / self._tables.strength
+            matrix *= self._array.able
+            re[part, :n], im[part, :n] = matrix.real, matrix.imag
+            reach[:n] += wanted[part] @ np.abs(matrix)
+
+    def _is_big(self, m: int) -> bool:
+        return bool(m * self._columns >= block_kernels.BLOCKED_PAIRS)

@@ -57,7 +57,7 @@ class Kernels(NamedTuple):
     weighed : bool
         Whether they solve the regularised system; if not, they sum single foci.
     corrected : bool
-        Whether Gerchberg–Saxton steps follow, as many as `Options.steps` says.
+        Whether Gauss–Newton steps over the phases follow, at most `Options.steps`.
     polished : bool
         Whether a coordinate descent over phases ends it.
     """
@@ -111,14 +111,14 @@ class Method:
 
 
 def _regularised(problem: Problem, steps: int) -> Complex:
-    """Weighted Tikhonov regularisation, then Gerchberg–Saxton steps."""
+    """Weighted Tikhonov regularisation, then Gauss–Newton steps over the phases."""
     options, transfer, wanted = problem.options, problem.transfer, problem.wanted
     try:
         system = Regularised(transfer, wanted, options.gamma, options.mu)
     except np.linalg.LinAlgError as error:
         raise ValueError(f"mu {options.mu} is too small for points as close together as these") from error
     phases = problem.phases(system.gram, options.phases)
-    return correct(system, transfer, wanted, phases, problem.limits, options.policy, steps)
+    return correct(transfer, wanted, problem.limited(system.solve(wanted * phases)), steps)
 
 
 def _tikhonov(problem: Problem) -> Complex:
@@ -156,7 +156,7 @@ _PHASES = ("phases", "phase_steps", "phase_seconds")
 _TIKHONOV = (*_PHASES, "gamma", "mu")
 _OWN = {
     "wgs": Method(
-        "tikhonov, then weighted Gerchberg–Saxton steps; recommended",
+        "tikhonov, then Gauss–Newton steps over the phases; recommended",
         "limited",
         (*_TIKHONOV, "steps"),
         _wgs,

@@ -7,12 +7,14 @@ from numbers import Integral, Real
 from typing import Literal, get_args
 
 __all__ = [
+    "FLAT",
+    "GRADIENTS",
     "HEADROOM",
     "LEAST_GAIN",
     "LEAST_MU",
     "NUDGE",
     "PHASE_LEVELS",
-    "RELAXATION",
+    "TOLERANCE",
     "Options",
     "Output",
     "Phases",
@@ -24,8 +26,14 @@ Phases = Literal["unit", "power"]
 HEADROOM = 2.0
 """How far above the limits ``limited`` output raises the root mean square of the drives before it cuts them off."""
 
-RELAXATION = 0.5
-"""Part of the missing pressure that a correction of ``wgs`` adds: 1 oscillates if outputs are phase-only."""
+TOLERANCE = 1e-3
+"""Misfit, to the largest amplitude, at which ``wgs`` takes no further step: `PHASE_LEVELS` leave three times it."""
+
+GRADIENTS = 6
+"""Most conjugate gradients in a step of ``wgs``."""
+
+FLAT = 0.05
+"""Part of the first gradient at which these end: the next step has other gradients."""
 
 NUDGE = 0.05
 """Part of the cold start in a warm one: without it, phases that are symmetric on a symmetric shape would stay so."""
@@ -61,7 +69,7 @@ class Options:
     phase_seconds : float, optional
         Time after which no further iteration begins. With it, results depend on the speed of the machine.
     steps : int
-        Weighted Gerchberg–Saxton steps.
+        Most Gauss–Newton steps over the phases of the drives. Fewer are taken if the misfit falls to a per mille.
     sweeps : int
         Passes of the coordinate descent over all transducers.
     levels : int

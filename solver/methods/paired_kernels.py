@@ -88,7 +88,7 @@ def largest_eigenvalue(xx: Any, xy: Any, xz: Any, yy: Any, yz: Any, zz: Any) -> 
 @_kernel
 def drive_pair(
     elements: Any, directivity: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any, power: int,
-    output: int, steps: int, settings: Any, phase_steps: int, positions: Any, amplitudes: Any, ids: Any,
+    output: int, steps: int, gradients: int, settings: Any, phase_steps: int, positions: Any, amplitudes: Any, ids: Any,
     split_is_known: int, axis: Any, before: Any, before_ids: Any, mask: Any,
     cold: Any, work: Any, u: Any, counts: Any, kept_ids: Any, kept: Any, drives: Any, levels: Any,
 ) -> int:  # fmt: skip
@@ -127,7 +127,7 @@ def drive_pair(
         suspect = max(suspect, first_suspect(points[:k], bounds, farthest))
         _update(
             elements=elements, directivity=directivity, nepers=nepers, origin=origin, settings=settings,
-            phase_steps=phase_steps, power=power, output=output, steps=steps,
+            phase_steps=phase_steps, power=power, output=output, steps=steps, gradients=gradients,
             points=points[:k], amplitudes=wanted[:k],
             ids=names, before_ids=kept_ids[half, : counts[half]], before=kept[half], cold=cold,
             work=work, u=u, drive=drives[half],

@@ -11,12 +11,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from .options import HEADROOM, LEAST_GAIN, RELAXATION, Output, Phases
+from .options import FLAT, GRADIENTS, HEADROOM, LEAST_GAIN, TOLERANCE, Output, Phases
 
 __all__ = [
     "Regularised",
     "augmented",
     "cold_start",
+    "conjugate_gradients",
     "correct",
     "limit_drive",
     "min_norm",
@@ -174,26 +175,65 @@ def misfit(pressure: Complex, wanted: Real) -> tuple[float, float]:
     return scale, float(np.sqrt(np.mean((magnitude / scale - wanted) ** 2)))
 
 
-def correct(
-    system: Regularised, transfer: Complex, wanted: Real, phases: Complex, limits: Real, output: Output, steps: int
-) -> Complex:
-    """Weighted Gerchberg–Saxton steps on top of a regularised solution; the best iterate is kept.
+def correct(transfer: Complex, wanted: Real, drive: Complex, steps: int) -> Complex:
+    """Gauss–Newton steps over the phases of drives; the best iterate is kept.
 
-    Each step limits the drives by the output policy, computes the pressures at the points, keeps their phases, and adds
-    a part of the missing magnitude to the pressures that are asked for. The weights of the classical algorithm,
-    which multiply, cannot deepen a null and converge more slowly.
+    Parameters
+    ----------
+    transfer, wanted
+        As in this module.
+    drive : (n,) complex
+        The drives at which it begins, within their limits; magnitudes stay.
+    steps : int
+        Most steps; it ends if the `misfit` falls below `TOLERANCE`.
+
+    Notes
+    -----
+    If the drives turn by δ, |p_i| changes by −Σ_q Im(p_i*·A_iq·x_q/|p_i|)·δ_q. Of the many δ with which |p| becomes
+    proportional to ``wanted``, `conjugate_gradients` finds a small one, which keeps the pressures strong. At a null p
+    must not change at right angles either.
     """
-    b = wanted * phases
-    best, chosen = np.inf, None
-    for _ in range(steps + 1):
-        drive = limit_drive(system.solve(b), limits, output)
-        pressure = transfer @ drive
+    nulls = wanted == 0
+    proportions = np.concatenate([wanted, np.zeros(nulls.sum())])
+    best, chosen = np.inf, drive
+    for step in range(steps + 1):
+        waves = transfer * drive
+        pressure = waves.sum(axis=1)
         scale, error = misfit(pressure, wanted)
-        if chosen is None or error < best:
+        if error < best:
             best, chosen = error, drive
-        b = b + RELAXATION * (wanted * unit(pressure) - pressure / scale)
-    assert chosen is not None
+        if error < TOLERANCE or step == steps:
+            break
+        aligned = waves * unit(pressure).conj()[:, None]
+        slopes = np.concatenate([-aligned.imag, aligned.real[nulls]])
+        missing = np.concatenate([scale * wanted - np.abs(pressure), np.zeros(nulls.sum())])
+        half = conjugate_gradients(slopes, missing, proportions) / 2
+        drive = drive * (1 + 1j * half) / (1 - 1j * half)
     return chosen
+
+
+def conjugate_gradients(matrix: Real, target: Real, proportions: Real) -> Real:
+    """A small x for which matrix·x ≈ target + c·proportions by least squares, any c; ``target`` has none of them.
+
+    At most `GRADIENTS` iterations from 0 until the gradient is `FLAT`. They hardly use the directions that matrix·x
+    hardly depends on, so that no other regularisation is needed.
+    """
+    direction = proportions / np.linalg.norm(proportions)
+    solution = search = np.zeros(matrix.shape[1])
+    residual, first, before = target, 0.0, 1.0
+    for iteration in range(GRADIENTS):
+        gradient = residual @ matrix
+        square = float(gradient @ gradient)
+        if iteration == 0:
+            first = square
+        elif square <= FLAT**2 * first:
+            break
+        search = gradient + square / before * search
+        image = matrix @ search
+        image = image - (direction @ image) * direction
+        length = square / max(float(image @ image), TINY)
+        solution, residual, before = solution + length * search, residual - length * image, square
+    return np.asarray(solution)
 
 
 def polish(transfer: Complex, wanted: Real, drive: Complex, levels: int, sweeps: int) -> Complex:

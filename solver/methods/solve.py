@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...pictures import Drawable
+from ..accelerated.devices import Backend, check_backend, device_for
 from ..acoustics.array import TransducerArray, check_array
 from ..acoustics.medium import Medium, as_medium
 from ..acoustics.propagation import Precision
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Solution", "Solver", "Wanted", "control_points", "solve", "solve_frames"]
 
-MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays
+MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays in double precision
 
 Wanted: TypeAlias = ControlPoints | Shape | ArrayLike
 """What to solve for: control points, a shape, or (m, 3) positions in metres, all of amplitude 1."""
@@ -65,7 +66,8 @@ class Solver:
     """Solves for an array, frame after frame: it keeps its buffers, and the phases of one frame begin the next.
 
     Successive frames then stay coherent, which is quieter. The result depends on the frames before it, but the same
-    frames give the same bits; `forget` begins anew. A solver is for one thread at a time.
+    frames give the same bits; `forget` begins anew. A solver is for one thread at a time; from 250 000 points ·
+    transducers on it uses all cores, or as many threads as ``$NUMBA_NUM_THREADS`` says, which does not change a bit.
 
     Parameters
     ----------
@@ -212,6 +214,7 @@ def solve_frames(
     medium: Medium | None = None,
     workers: int = 1,
     precision: Precision = "single",
+    backend: Backend = "cpu",
     **options: Any,
 ) -> NDArray[np.complex64]:
     """Drives of many frames, each solved from scratch, so that they do not depend on the number of workers.
@@ -226,6 +229,9 @@ def solve_frames(
         As for `Solver`.
     workers : int
         Threads to share the frames among, at least 1; more threads than cores gain nothing.
+    backend : {"cpu", "cuda"}
+        ``"cuda"`` solves batches of frames on a GPU, by `tikhonov`, `wgs` or `multiplex` in single precision. If there
+        is no GPU, or it cannot solve as asked, the processor does, and a warning says why.
 
     Returns
     -------
@@ -235,18 +241,26 @@ def solve_frames(
     Raises
     ------
     ValueError
-        As `Solver` and `Solver.solve`, naming the frame; or if there is less than one worker.
+        As `Solver` and `Solver.solve`, naming the frame; if there is less than one worker; or if the backend is unknown
+        or lacks the precision.
     """
     check_array(array)
     wanted, settings, air = [control_points(frame) for frame in frames], options_of(method, options), as_medium(medium)
     if workers < 1:
         raise ValueError(f"workers {workers} must be at least 1")
+    check_backend(backend, precision)
     drives = np.empty((len(wanted), len(array)), dtype=np.complex64)
     for index, points in enumerate(wanted):
         check_size(array, points, method, f"frame {index}: ")
+    if backend == "cuda":
+        from .batches import drive_batches, hindrance  # numba takes half a second to import
+
+        if (device := device_for(backend, hindrance(array, air, method, settings))) is not None:
+            drive_batches(device, array, air, method, settings, wanted, drives)
+            return drives
 
     def work(first: int) -> None:
-        engine_for(array, air, method, settings, precision).drive_frames(wanted, first, workers, drives)
+        engine_for(array, air, method, settings, precision, 1).drive_frames(wanted, first, workers, drives)
 
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(work, range(min(workers, len(wanted)))))
@@ -295,13 +309,20 @@ def check_size(array: TransducerArray, points: ControlPoints, method: str, where
         )
 
 
-def engine_for(array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision) -> Engine:
-    """The engine for a method and a precision, the compiled one if there is one."""
+def engine_for(
+    array: TransducerArray,
+    medium: Medium,
+    method: str,
+    options: Options,
+    precision: Precision,
+    threads: int | None = None,
+) -> Engine:
+    """The engine for a method and a precision, the compiled one if there is one; ``threads`` as for that."""
     if not has_kernels(method, options, precision):
         return ReferenceEngine(array, medium, method, options)
     from .engine import CompiledEngine  # numba takes half a second to import
 
-    return CompiledEngine(array, medium, method, options)
+    return CompiledEngine(array, medium, method, options, threads)
 
 
 def has_kernels(method: str, options: Options, precision: Precision) -> bool:

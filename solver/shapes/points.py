@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...pictures import MM, Drawable, axes_or_new
 from ..acoustics.array import TransducerArray
+from ..acoustics.propagation import PAIRS_AT_A_TIME
 from ..geometry import Scalable, as_points, counted, extent, frozen, place
 
 if TYPE_CHECKING:
@@ -175,9 +176,13 @@ def reachable(array: TransducerArray, positions: NDArray[np.float64]) -> NDArray
 
 def _problems(array: TransducerArray, positions: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], str]]:
     """The reasons why points cannot be reached: a mask of the points, and the message."""
-    offset = positions[:, None, :] - array.positions[None, :, :]
-    in_front = (np.einsum("mnk,nk->mn", offset, array.normals) > 0)[:, array.able].any(axis=1)
-    nearest = np.linalg.norm(offset, axis=2).min(axis=1)
+    in_front, nearest = np.empty(len(positions), np.bool_), np.empty(len(positions))
+    at_a_time = max(1, PAIRS_AT_A_TIME // len(array))
+    for first in range(0, len(positions), at_a_time):
+        part = slice(first, first + at_a_time)
+        offset = positions[part, None, :] - array.positions[None, :, :]
+        in_front[part] = (np.einsum("mnk,nk->mn", offset, array.normals) > 0)[:, array.able].any(axis=1)
+        nearest[part] = np.linalg.norm(offset, axis=2).min(axis=1)
     return [
         (
             ~in_front,

@@ -132,6 +132,19 @@ def test_field_draws_quantities(phasewire: Run, small: Path, tmp_path: Path, qua
     assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_field_without_a_gpu_says_so_and_uses_the_processor(
+    phasewire: Run, small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "jax", None)
+    command = ("field", "small.npz", "--step", "0.01", "-o")
+    assert "warning" not in phasewire(*command, "here.npz").err
+    outcome = phasewire(*command, "there.npz", "--backend", "cuda")
+    assert outcome.code == 0
+    assert outcome.err.count("warning: backend 'cuda' is replaced by 'cpu': a GPU needs the package jax") == 1
+    here, there = (load_field(tmp_path / name).pressure for name in ("here.npz", "there.npz"))
+    assert here.tobytes() == there.tobytes()
+
+
 def test_field_reports_the_strongest_sample(phasewire: Run, small: Path) -> None:
     outcome = phasewire("field", "small.npz", "-o", "f.npz", "--height", "0.05", "--step", "0.002", "--json", "-")
     record = json.loads(outcome.out)
@@ -413,6 +426,7 @@ BAD = [
     (("field", "sphere.npz", "-o", "f.png", "--quantity", "taste"), 2, "unknown quantity 'taste'; known are pressure"),
     (("field", "sphere.npz", "-o", "f.png", "--plane", "xz", "--quantity", "oil"), 2, "oil lies level"),
     (("field", "sphere.npz", "-o", "f.vti", "--quantity", "oil"), 2, "f.vti: --quantity chooses what a picture shows"),
+    (("field", "sphere.npz", "-o", "f.npz", "--backend", "gpu"), 2, "backend 'gpu' must be one of cpu, cuda"),
     (("field", "sphere.npz", "-o", "f.npz", "--height", "-1"), 2, "height -1.0 m must be positive"),
     (("focus", "truncated.npz"), 2, "truncated.npz is truncated, corrupted"),
     (("focus", "sphere.npz", "--json", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),

@@ -70,6 +70,9 @@ ROWS = {
     "reproduce figure4": Row("reproduce figure4", r"Drawn to figure4.png", makes=("figure4.png",)),
     "feel": Row("feel circle:radius=0.02 --render am --output felt.png", r"threshold", makes=("felt.png",)),
     "study": Row("study --persons 2 --trials 1 --seconds 0.5", r"chance", codes=(0, 1), makes=("study.png",)),
+    "sweep": Row(
+        "sweep designs.csv --on serial --output r.parquet", r"2 rows: 2 measured in .*, 0 of", makes=("r.parquet",)
+    ),
     "show": Row("show solved.npz --seconds 0.1", OFF),
     "stop": Row("stop", OFF),
     "info": Row("info", r"20 × 16 transducers"),
@@ -170,6 +173,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("inputs")
     save_solution(folder / "solved.npz", solve(TransducerArray.grid(), Sphere().sample()))
     (folder / "new.dfu").write_bytes(upgrades.FILE)
+    (folder / "designs.csv").write_text("source,columns,rows\nstar,10,8\nstar,20,16\n")
     (folder / "c.bin").write_bytes(b"controller")
     (folder / "p.bin").write_bytes(b"processors")
     (folder / "play.s").write_text("    setc res[r0], 8\nnext:\n    out res[r0], r1\n    eq r1, r1, 0\n    bu next\n")

@@ -40,6 +40,7 @@ from phasewire.errors import ImageError, InputFileError
 from phasewire.hil.conformance.known import read_known_failures
 from phasewire.hil.conformance.profile import read_profile
 from phasewire.hil.conformance.sight.sigrok import SessionFile
+from phasewire.hil.sweep.files import read_sweep
 from phasewire.host.firmware.images import read_firmware
 from phasewire.host.firmware.keys import read_private_key, read_public_keys
 from phasewire.host.hands import HandFrame, TrackedHand
@@ -48,8 +49,10 @@ from phasewire.host.hands.pose import Pose
 from phasewire.host.hands.recording import HandRecorder, HandRecording
 from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording, record
+from phasewire.host.playing.rig import read_rig
 from phasewire.protocol import PulseFrames
 from phasewire.solver.acoustics.aperture import Aperture
+from phasewire.solver.acoustics.array_files import read_transducers
 from phasewire.solver.contact.hand import Hand
 from phasewire.solver.fields.files import save_solution
 from phasewire.solver.objects.mesh_files import MESH_FILES, read_mesh
@@ -99,8 +102,17 @@ def _sealed(data: bytes) -> bytes:
 
 
 def toml(data: bytes) -> None:
-    """All files in TOML: defaults of options, scenarios, profiles, known failures, poses of trackers."""
-    for read in (read_scenario, read_profile, read_known_failures, Pose.load, _read_settings):
+    """All files in TOML: defaults of options, scenarios, profiles, known failures, poses, arrays, rigs, sweeps."""
+    for read in (
+        read_scenario,
+        read_profile,
+        read_known_failures,
+        Pose.load,
+        read_transducers,
+        read_rig,
+        read_sweep,
+        _read_settings,
+    ):
         _attempt(read, data, "a.toml")
 
 
@@ -115,10 +127,11 @@ def _commands() -> typer.Context:
 
 
 def tables(data: bytes) -> None:
-    """Points in every format, and calibrations."""
+    """Points in every format, calibrations, and designs of a sweep."""
     for suffix in POINT_FILES:
         _attempt(read_points, data, f"a{suffix}")
     _attempt(Calibration.load, data, "a.csv")
+    _attempt(read_sweep, data, "a.csv")
 
 
 def session_files(data: bytes) -> None:
@@ -295,14 +308,27 @@ def reader_seeds(group: str, firmware: list[bytes]) -> list[bytes]:
         case "toml":
             documents = "".join(
                 (DOCUMENTS / name).read_text()
-                for name in ("how-to/conformance.md", "reference/faults.md", "reference/cli.md", "how-to/hands.md")
+                for name in (
+                    "how-to/conformance.md",
+                    "reference/faults.md",
+                    "reference/cli.md",
+                    "how-to/hands.md",
+                    "how-to/any-array.md",
+                    "how-to/rigs.md",
+                    "how-to/sweeps.md",
+                )
             )
             written = re.findall(r"```toml\n(.*?)```", documents, re.DOTALL)
             return [*map(str.encode, written), *_cuts("".join(written).encode())]
         case "tables":
             path = _folder() / "seed.csv"
             Calibration.perfect(4).save(path)
-            points = [b"x,y,z\n0,0,0.1\n", b"0 0 0.1 1 # one\n", b'{"positions": [[0, 0, 0.1]], "amplitudes": [1]}']
+            points = [
+                b"x,y,z\n0,0,0.1\n",
+                b"source,columns\nstar,10\n",
+                b"0 0 0.1 1 # one\n",
+                b'{"positions": [[0, 0, 0.1]], "amplitudes": [1]}',
+            ]
             return [*points, *_cuts(path.read_bytes())]
         case "session_files":
             metadata = b"[global]\nsigrok version=0.5.2\n[device 1]\ncapturefile=logic-1\nunitsize=1\n"

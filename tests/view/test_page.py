@@ -26,7 +26,7 @@ import pytest
 from numpy.typing import NDArray
 from phasewire import ControlPoints, Pulses, TransducerArray, Wiring, pressure, record, solve
 from phasewire.errors import PhasewireError
-from phasewire.view import Rig, Snapshot, View
+from phasewire.view import Emitter, Snapshot, View
 from phasewire.view.browser import saved_from
 from phasewire.view.recordings import open_tape
 from phasewire.view.settings import Settings
@@ -166,7 +166,7 @@ def stage(browser: Browser) -> Iterator[tuple[Session, Window]]:
 @pytest.fixture
 def still(browser: Browser) -> Iterator[tuple[View, Window]]:
     """A view whose picture stands still."""
-    with View(Rig(ARRAY, "still", Wiring.strips()), settings=Settings(xy_at=0.17)) as view:
+    with View(Emitter(ARRAY, "still", Wiring.strips()), settings=Settings(xy_at=0.17)) as view:
         tab = browser.new_page(viewport=SIZE, color_scheme="dark")
         window = Window(tab, view.url)
         yield view, window
@@ -515,7 +515,7 @@ def is_at(period: int, seen: dict[str, Any]) -> bool:
 def test_a_recording_is_paused_and_stepped_through(browser: Browser, tmp_path: Path) -> None:
     frames = [Pulses(np.full(320, 10), np.full(320, width)) for width in range(1, 26)]
     record(tmp_path / "widths.frames", frames, 10.0)
-    with open_tape(tmp_path / "widths.frames") as tape, View(tape.rig, tape=tape, settings=tape.settings) as view:
+    with open_tape(tmp_path / "widths.frames") as tape, View(tape.emitter, tape=tape, settings=tape.settings) as view:
         over = threading.Event()
         playing = threading.Thread(target=tape.run, args=(view, over.is_set))
         playing.start()

@@ -14,7 +14,7 @@ from phasewire.solver import intensity_component
 from phasewire.solver.fields.quantities import sound_pressure_level
 from phasewire.view.painting import IMAGE_QUANTITIES, PLANES, Painted, Painter
 from phasewire.view.settings import Settings
-from phasewire.view.snapshot import Rig, Snapshot
+from phasewire.view.snapshot import Emitter, Snapshot
 
 ARRAY = TransducerArray.grid()
 FOCUS = (0.03, -0.05, 0.18)
@@ -31,7 +31,7 @@ def places(image: Painted) -> NDArray[np.float64]:
 
 
 def paint(snapshot: Snapshot, array: TransducerArray = ARRAY, **values: Any) -> tuple[list[Painted], dict[str, Any]]:
-    return Painter(Rig(array)).paint(snapshot, Settings(**values))
+    return Painter(Emitter(array)).paint(snapshot, Settings(**values))
 
 
 @pytest.mark.parametrize("name", PLANES)
@@ -108,7 +108,7 @@ def test_of_two_fields_the_stronger_pressure_and_the_mean_intensity_are_shown(qu
 
 
 def test_the_scale_is_a_round_number_above_all_that_was_shown_or_the_users() -> None:
-    painter = Painter(Rig(ARRAY))
+    painter = Painter(Emitter(ARRAY))
     _, loud = painter.paint(Snapshot(DRIVE[None]), Settings(xy_at=FOCUS[2]))
     _, quiet = painter.paint(Snapshot(0.1 * DRIVE[None]), Settings(xy_at=FOCUS[2]))
     assert loud["largest"] == quiet["largest"]
@@ -127,7 +127,7 @@ def test_every_quantity_can_be_painted_in_silence() -> None:
 
 
 def test_a_place_tells_pascals_decibels_and_phase_of_each_field() -> None:
-    probed = Painter(Rig(ARRAY)).probe(BOTH, FOCUS)
+    probed = Painter(Emitter(ARRAY)).probe(BOTH, FOCUS)
     values = [pressure(ARRAY, drive, [FOCUS])[0] for drive in BOTH.drives]
     np.testing.assert_allclose(probed.pascals, np.abs(values), rtol=1e-4)
     np.testing.assert_allclose(probed.decibels, sound_pressure_level(np.array(values)), atol=1e-3)

@@ -72,7 +72,7 @@ def test_of_touch_hands_points_and_both_fields_are_shown(touched: Path) -> None:
 def test_a_page_moves_through_it(touched: Path) -> None:
     with (
         open_tape(touched.with_suffix(".touch")) as tape,
-        View(tape.rig, tape=tape, settings=tape.settings) as view,
+        View(tape.emitter, tape=tape, settings=tape.settings) as view,
         page_of(view.url) as page,
     ):
         first = page.frame()
@@ -85,7 +85,7 @@ def test_a_page_moves_through_it(touched: Path) -> None:
 def test_it_plays_while_it_runs_and_begins_again(tmp_path: Path) -> None:
     path = tmp_path / "short.frames"
     record(path, [Pulses.silent(320)] * 20, 100.0)
-    with open_tape(path) as tape, View(tape.rig, tape=tape, settings=tape.settings) as view:
+    with open_tape(path) as tape, View(tape.emitter, tape=tape, settings=tape.settings) as view:
         seen: list[int] = []
 
         def over() -> bool:

@@ -20,7 +20,7 @@ from phasewire.view.hands import MouseHands, at_wall_pace
 from phasewire.view.settings import HandSetting, ObjectSetting, Settings
 from phasewire.view.shelf import Shelf
 from phasewire.view.studio import Studio
-from phasewire.view.tap import EXACT, rig_of
+from phasewire.view.tap import EXACT, emitter_of
 
 from .pages import PATIENCE, Message, Page, page_of
 
@@ -57,7 +57,7 @@ def session(hand: str = "mouse:", objects: tuple[str, ...] = ("cube",), **option
         source: Any = MouseHands(HandSetting()) if hand == "mouse:" else at_wall_pace(open_hands(hand, time))
         studio = Studio(device, ARRAY, shelf, source, settings, emulator=emulator, **options)
         studio.warm_up()
-        with View(rig_of(device, ARRAY), settings=settings, director=studio) as view:
+        with View(emitter_of(device, ARRAY), settings=settings, director=studio) as view:
             running = Session(emulator, device, studio, view)
             try:
                 yield running
@@ -329,7 +329,7 @@ def test_without_power_it_says_that_it_is_stopped_so_that_play_can_be_tried() ->
 def test_a_fault_that_has_passed_is_named_no_more(stage: tuple[Session, Page]) -> None:
     _, page = stage
     page.until(sounding)
-    page.do("fault", fault={"name": "stuck-low", "processor": 4, "bit": 1, "periods": 20_000})
+    page.do("fault", fault={"name": "stuck-low", "processor": 4, "bit": 1, "periods": 100_000})
     page.until(lambda message: message["boards"][2] == "stuck-low")
     page.do("clear-faults")
     page.until(lambda message: not message["boards"][2])

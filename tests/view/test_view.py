@@ -23,7 +23,7 @@ from phasewire import (
     solve,
     two_sided,
 )
-from phasewire.view import Rig, Snapshot, View
+from phasewire.view import Emitter, Snapshot, View
 from phasewire.view.settings import Settings
 from phasewire.view.snapshot import Waves
 from phasewire.view.view import IDLE_SECONDS
@@ -37,7 +37,7 @@ SOLUTION = solve(ARRAY, POINTS)
 
 @pytest.fixture
 def view() -> Iterator[View]:
-    with View(Rig(ARRAY, "the array", Wiring.strips())) as opened:
+    with View(Emitter(ARRAY, "the array", Wiring.strips())) as opened:
         yield opened
 
 
@@ -172,7 +172,7 @@ def test_waves_are_shown_with_the_pins_names(view: View, page: Page) -> None:
 
 def test_a_calibration_is_told() -> None:
     calibration = Calibration(np.full(320, 0.8), np.full(320, -12.0), -np.ones(320), np.zeros(320))
-    with View(Rig(ARRAY, calibration=calibration), settings=Settings(pick=3)) as view, page_of(view.url) as page:
+    with View(Emitter(ARRAY, calibration=calibration), settings=Settings(pick=3)) as view, page_of(view.url) as page:
         assert dict(page.frame()["pick"]["lines"])["Calibration"] == "gain 0.800, -12.0°, reversed"
 
 
@@ -293,7 +293,10 @@ def test_a_calibrated_array_emits_what_its_transducers_do() -> None:
     calibration = Calibration(np.ones(320), np.zeros(320), polarity, np.zeros(320))
     focus = (0.02, 0.0, 0.17)
     drive = solve(ARRAY, ControlPoints([focus])).drive
-    with View(Rig(ARRAY, calibration=calibration), settings=Settings(probe=focus)) as view, page_of(view.url) as other:
+    with (
+        View(Emitter(ARRAY, calibration=calibration), settings=Settings(probe=focus)) as view,
+        page_of(view.url) as other,
+    ):
         view.update(calibration.apply(drive))
         frame = other.until(lambda message: message.array("amplitude").any())
         assert frame["probe"]["pascals"] == pytest.approx([abs(pressure(ARRAY, drive, [focus])[0])], rel=1e-3)

@@ -63,7 +63,7 @@ def test_columns_are_found_by_their_names(tmp_path: Path) -> None:
         ("a.csv", "x [mm],y [mm],z [mm]\n0,0,0\n", "is in mm; coordinates must be in metres"),
         ("a.json", "{}", r"is read from a \.csv or \.toml file"),
         ("a.toml", "", r"it has no panels; each begins with \[\[panel\]\]"),
-        ("a.toml", "pitch = 1", "there is no field 'pitch'; the fields are panel, transducer"),
+        ("a.toml", "pitch = 1", "there is no field 'pitch'; the fields are panel, device, transducer"),
         (
             "a.toml",
             "[[panel]]\ncolumns = 3\nrows = 2\n",

@@ -75,19 +75,23 @@ class Line:
 
     @property
     def anchors(self) -> list[int]:
-        """Sharp vertices, the sharper one of two that are too close."""
+        """Sharp vertices, the sharper of two too close; one that lost comes back if the one that beat it goes."""
         kept: list[int] = []
+        beaten: list[int] = []  # by the last one that is kept, the first of them first
         closest = min(CLOSEST, self.spacing)
         for i in range(len(self.reached) - self.closed):
             to_end = min(self.reached[i], self.reached[-1] - self.reached[i])
             if self.curvature[i] < SHARP or (not self.closed and 0 < to_end < SLIGHT):
                 continue
             if not kept or self.reached[i] - self.reached[kept[-1]] >= closest:
-                kept.append(i)
+                kept, beaten = [*kept, i], []
             elif self.curvature[i] > SHARPER * self.curvature[kept[-1]] and not (self.closed and len(kept) == 1):
-                kept[-1] = i
+                beaten.append(kept.pop())
+                if self.reached[i] - self.reached[beaten[0]] >= closest:
+                    kept, beaten = [*kept, beaten[0]], []
+                kept.append(i)
         if self.closed and len(kept) > 1 and self.reached[-1] - self.reached[kept[-1]] < closest:
-            kept.pop()
+            kept[-1:] = [i for i in beaten[:1] if self.reached[-1] - self.reached[i] >= closest]
         return kept
 
     @property

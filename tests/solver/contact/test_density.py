@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from phasewire import Mesh
@@ -142,6 +142,7 @@ def test_a_closed_arc_has_equal_steps_all_round() -> None:
 
 
 @given(st.lists(st.floats(1e-4, 0.05), min_size=1, max_size=12), st.integers(0, 2**32 - 1))
+@example([0.00390625, 0.00390625], 32104332)  # ever sharper crossings, the last with room for the first
 @settings(max_examples=200, deadline=None)
 def test_points_of_a_stretch_do_not_crowd(lengths: list[float], seed: int) -> None:
     """The mean distance between anchors that are kept and the points between them."""

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Medium, TransducerArray
 from phasewire.solver.acoustics.propagation import transfer_matrix
 from phasewire.solver.methods import reference
+from phasewire.solver.methods.options import TOLERANCE
 from phasewire.solver.methods.reference import Regularised, cold_start, misfit, phase_iteration, unit
 
 seeds = st.integers(0, 2**32 - 1)
@@ -174,17 +176,77 @@ def test_limited_drives_below_the_limit_are_all_scaled_alike() -> None:
     assert limited[0] == pytest.approx(0.1 * 2 * 2 / np.linalg.norm(drive))  # 2 × the root mean square
 
 
+@pytest.fixture
+def exactly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Conjugate gradients until nothing is left to do."""
+    monkeypatch.setattr(reference, "GRADIENTS", 60)
+    monkeypatch.setattr(reference, "FLAT", 1e-8)
+
+
+def test_conjugate_gradients_end_at_the_smallest_least_squares_solution(exactly: None) -> None:
+    """Of the matrix without its part along the proportions, which need not be met; with fewer rows or more."""
+    rng = np.random.default_rng(7)
+    for rows, columns in ((6, 30), (12, 5)):
+        matrix, proportions = rng.normal(size=(rows, columns)), rng.uniform(0, 1, rows)
+        across = np.eye(rows) - np.outer(proportions, proportions) / (proportions @ proportions)
+        target = across @ rng.normal(size=rows)
+        found = reference.conjugate_gradients(matrix, target, proportions)
+        np.testing.assert_allclose(found, np.linalg.pinv(across @ matrix) @ target, atol=1e-7)
+
+
+def test_a_step_is_gauss_newton_by_finite_differences(exactly: None) -> None:
+    """Derivatives of |p|, and of a null both parts of p, by turning one drive after the other a little."""
+    matrix, wanted = random_system(3, 5, 16)
+    wanted[[1, 4]] = 0
+    rng = np.random.default_rng(3)
+    drive = np.linalg.pinv(matrix) @ (wanted * cold_start(5)) + 0.01 * rng.normal(size=16)
+    start = matrix @ drive
+    scale = wanted @ np.abs(start) / (wanted @ wanted)
+    rows, little = [*range(5), 1, 4], 1e-6
+
+    def parts(x: np.ndarray) -> np.ndarray:
+        turned = matrix @ x * np.exp(-1j * np.angle(start))
+        return np.concatenate([np.abs(turned)[:5] * np.sign(turned.real), turned.imag[[1, 4]]])
+
+    turns = np.exp(1j * little * np.eye(16))
+    slopes = np.stack([(parts(drive * turn) - parts(drive / turn)) / (2 * little) for turn in turns], axis=1)
+    missing = np.concatenate([scale * wanted - np.abs(start), [0, 0]])
+    across = np.eye(7) - np.outer(wanted[rows], wanted[rows]) / (wanted @ wanted)
+    angles = np.linalg.pinv(across @ slopes) @ missing
+    expected = drive * np.exp(2j * np.arctan(angles / 2))  # a turn of any size stays below half of one
+    found = reference.correct(matrix, wanted, drive, 1)
+    assert misfit(matrix @ found, wanted)[1] < misfit(start, wanted)[1]
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(drive).max())
+
+
+@given(seed=seeds, m=st.integers(2, 8))
+def test_corrections_end_where_another_optimiser_does(seed: int, m: int) -> None:
+    """Free phases of 24 drives can make m amplitudes as even as is wanted; SciPy's trust region finds such ones too."""
+    matrix, wanted = random_system(seed, m, 24)
+    begin = unit(multiplexed := reference.multiplex(matrix, wanted)) * np.sqrt(np.abs(multiplexed).mean())
+
+    def residuals(turns: np.ndarray) -> np.ndarray:
+        pressure = np.abs(matrix @ (begin * np.exp(1j * turns)))
+        return np.asarray(pressure / misfit(pressure, wanted)[0] - wanted)
+
+    best = np.sqrt(np.mean(scipy.optimize.least_squares(residuals, np.zeros(24)).fun ** 2))
+    found = reference.correct(matrix, wanted, begin, 60)
+    np.testing.assert_allclose(np.abs(found), np.abs(begin))
+    assert misfit(matrix @ found, wanted)[1] <= max(best, TOLERANCE)
+
+
 @given(seed=seeds, m=st.integers(2, 40), output=st.sampled_from(["solved", "phase", "limited"]))
-def test_corrections_never_end_worse_than_they_began(seed: int, m: int, output: Any) -> None:
+def test_corrections_keep_the_magnitudes_and_never_end_worse_than_they_began(seed: int, m: int, output: Any) -> None:
     array = TransducerArray.grid(8, 8)
     matrix = transfer_matrix(array, points_above(seed, m))
     wanted = np.random.default_rng(seed).uniform(0.2, 1, m)
     system = Regularised(matrix, wanted, 1.0, 0.03)
     phases = unit(phase_iteration(system.gram, wanted, cold_start(m), 20))
-    errors = [
-        misfit(matrix @ reference.correct(system, matrix, wanted, phases, np.ones(64), output, steps), wanted)[1]
-        for steps in (0, 5, 10)
-    ]
+    begin = reference.limit_drive(system.solve(wanted * phases), np.ones(64), output)
+    drives = [reference.correct(matrix, wanted, begin, steps) for steps in (0, 5, 10)]
+    np.testing.assert_array_equal(drives[0], begin)
+    np.testing.assert_allclose(np.abs(drives[2]), np.abs(begin))
+    errors = [misfit(matrix @ drive, wanted)[1] for drive in drives]
     assert errors[2] <= errors[1] <= errors[0]
 
 

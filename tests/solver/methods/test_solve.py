@@ -73,10 +73,10 @@ def test_the_level_is_the_least_squares_fit_of_the_field(
 
 @pytest.mark.parametrize("shape", ["sphere", "star"])
 def test_the_recommended_method_is_even_and_strong(array: TransducerArray, shape: str) -> None:
-    """A spread under 0.3 %, at 85 % or more of the strength that the paper's full power has."""
+    """A spread of at most 0.1 %, at 85 % or more of the strength that the paper's full power has."""
     points = (Sphere() if shape == "sphere" else Star()).sample()
     best, paper = felt(solve(array, points)), felt(solve(array, points, "paper"))
-    assert best.std() / best.mean() < 0.003
+    assert best.std() / best.mean() < 1.01e-3
     assert best.mean() > 0.85 * paper.mean()
     away = np.abs(pressure(array, solve(array, points).drive, [[0.09, 0.09, 0.2], [-0.09, 0.07, 0.2]]))
     assert away.max() < 0.3 * best.min()
@@ -86,7 +86,7 @@ def test_corrected_full_power_is_even_too(array: TransducerArray) -> None:
     """The paper leaves a spread of 10 to 30 per cent at full power."""
     points = Star().sample()
     plain, corrected = (felt(solve(array, points, method, output="phase")) for method in ("tikhonov", "wgs"))
-    assert corrected.std() / corrected.mean() < 0.025
+    assert corrected.std() / corrected.mean() < 1.01e-3
     assert plain.std() / plain.mean() > 0.05
 
 
@@ -95,7 +95,7 @@ def test_nulls_are_deep_and_foci_stay(array: TransducerArray, method: str) -> No
     positions = [[-0.03, 0, 0.2], [0.03, 0, 0.2], [0, 0.03, 0.2], [0, 0, 0.2]]
     pressures = felt(solve(array, ControlPoints(positions, [1, 0.5, 0, 0]), method))
     assert pressures[1] / pressures[0] == pytest.approx(0.5, abs=0.03)
-    depth = {"min_norm": -100, "tikhonov": -30, "wgs": -40, "polish": -30}[method]
+    depth = {"min_norm": -100, "tikhonov": -30, "wgs": -50, "polish": -30}[method]
     assert 20 * np.log10(pressures[2:].max() / pressures[0]) < depth
     if method == "wgs":
         without = felt(solve(array, ControlPoints(positions[:2], [1, 0.5]), method))

@@ -1,0 +1,155 @@
+"""The journal of a sweep: the results of the rows that are done, in a file beside the output until all are.
+
+A first line names the sweep, then comes a line of JSON for each row, in the order in which they ended. Python writes
+floats so that they are read back bit for bit. A kill can only leave a last line that is not whole, which is dropped.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import stat
+from pathlib import Path
+from time import monotonic
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+from ...errors import InputFileError
+from .measures import MEASURES, Measures
+
+__all__ = ["Journal", "RowResult", "journal_path"]
+
+FORMAT = "phasewire-sweep-journal-1"
+SYNC_SECONDS = 1.0
+"""A power cut costs the rows of so many seconds, a kill none."""
+
+
+class RowResult(NamedTuple):
+    """The result of a row: its measures, or why there are none."""
+
+    measures: Measures | None
+    problem: str | None = None
+
+
+def journal_path(output: Path) -> Path:
+    """The journal of an output."""
+    return output.with_name(f"{output.name}.unfinished")
+
+
+class Journal:
+    """Open, and locked against a second sweep to the same output, until it is closed; without rows it does not stay.
+
+    Parameters
+    ----------
+    path : Path
+        It is made if it does not exist.
+    fingerprint : str
+        Of the sweep.
+    rows : int
+        How many it has.
+
+    Raises
+    ------
+    InputFileError
+        If it is of another sweep, is no journal, or another process writes it.
+    OSError
+        If it cannot be opened, or the disk is full.
+    """
+
+    done: dict[int, RowResult]
+    """Results by the number of the row."""
+
+    def __init__(self, path: Path, fingerprint: str, rows: int) -> None:
+        self.path, self.done, self._synced = path, {}, monotonic()
+        self._file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NONBLOCK", 0), 0o666), "r+b")
+        try:
+            if not stat.S_ISREG(os.fstat(self._file.fileno()).st_mode):
+                raise InputFileError(f"{path} must be a plain file: it keeps the rows of a sweep that are done")
+            self._lock()
+            self._read({"format": FORMAT, "fingerprint": fingerprint, "rows": rows})
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not self.done:
+            self.remove()
+        self._file.close()
+
+    def add(self, row: int, result: RowResult) -> None:
+        """Keep the result of a row."""
+        self.done[row] = result
+        measures = None if result.measures is None else list(vars(result.measures).values())
+        self._write([row, measures, result.problem])
+        if monotonic() - self._synced > SYNC_SECONDS:
+            os.fsync(self._file.fileno())
+            self._synced = monotonic()
+
+    def remove(self) -> None:
+        """Delete it, when its results are elsewhere."""
+        self.path.unlink()
+
+    def _lock(self) -> None:
+        with contextlib.suppress(ImportError):  # systems without fcntl have no such lock
+            import fcntl
+
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise InputFileError(f"{self.path} is in use by another run; wait until it has ended") from None
+
+    def _read(self, header: dict[str, Any]) -> None:
+        first = self._file.readline(2**12)
+        whole = len(first)
+        if _line(header).startswith(first) and not first.endswith(b"\n"):  # new, or killed before it was whole
+            self._file.seek(0)
+            self._file.truncate()
+            self._write(header)
+            return
+        if _parsed(first) != header:
+            raise InputFileError(
+                f"{self.path} is not of this sweep: rows or points were changed, or phasewire was; delete it, or name "
+                "another output"
+            )
+        for line in self._file:
+            if (entry := _entry(_parsed(line), header["rows"])) is None or not line.endswith(b"\n"):
+                break
+            row, self.done[row] = entry
+            whole += len(line)
+        self._file.seek(whole)
+        self._file.truncate()
+
+    def _write(self, value: object) -> None:
+        try:
+            self._file.write(_line(value))
+            self._file.flush()
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
+
+
+def _line(value: object) -> bytes:
+    return json.dumps(value).encode() + b"\n"
+
+
+def _parsed(line: bytes) -> object:
+    try:
+        return json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _entry(value: Any, rows: int) -> tuple[int, RowResult] | None:
+    """The row and the result in a line; None if it is no such line."""
+    match value:
+        case [int(row), None, str(problem)] if 0 <= row < rows:
+            return row, RowResult(None, problem)
+        case [int(row), [*numbers], None] if 0 <= row < rows and len(numbers) == len(MEASURES):
+            if all(isinstance(number, (int, float, type(None))) for number in numbers):
+                return row, RowResult(Measures(*numbers))
+    return None

@@ -1,0 +1,106 @@
+"""The journal: whatever a kill leaves of it, the next run reads a part of what was written, and no more."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from phasewire.errors import InputFileError
+from phasewire.hil.sweep.journal import Journal, RowResult, journal_path
+from phasewire.hil.sweep.measures import Measures
+
+ROWS = 9
+NUMBERS = st.floats(allow_nan=False)
+RESULTS = st.builds(
+    RowResult,
+    st.builds(Measures, NUMBERS, NUMBERS, NUMBERS, st.none() | NUMBERS, st.integers(0, 2**40), st.none() | NUMBERS),
+    st.none(),
+) | st.builds(RowResult, st.none(), st.text())
+
+
+@settings(max_examples=25)
+@given(done=st.dictionaries(st.integers(0, ROWS - 1), RESULTS, min_size=1), data=st.data())
+def test_a_journal_that_is_cut_anywhere_keeps_every_whole_row_and_goes_on(
+    done: dict[int, RowResult], data: st.DataObject
+) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "r.unfinished"
+        with Journal(path, "abc", ROWS) as journal:
+            for row, result in done.items():
+                journal.add(row, result)
+        whole = path.read_bytes()
+        ends = [place for place, byte in enumerate(whole) if byte == ord("\n")]
+        cut = data.draw(st.integers(0, len(whole)) | st.sampled_from(ends))
+        path.write_bytes(whole[:cut] + data.draw(st.sampled_from([b"", b"\0\0\0", b"[7, null\n", b"[3, [1], null]\n"])))
+        kept = max(whole[:cut].count(b"\n") - 1, 0)
+        if cut > whole.index(b"\n"):
+            with Journal(path, "abc", ROWS) as journal:
+                assert list(journal.done.items()) == list(done.items())[:kept]
+                for row, result in done.items():
+                    journal.add(row, result)
+            with Journal(path, "abc", ROWS) as journal:
+                assert journal.done == done
+
+
+def test_a_header_that_was_cut_begins_anew(tmp_path: Path) -> None:
+    with Journal(tmp_path / "j", "abc", ROWS) as journal:
+        journal.add(0, RowResult(None, "why"))
+    header = (tmp_path / "j").read_bytes().partition(b"\n")[0]
+    for cut in (0, 1, len(header)):
+        (tmp_path / "j").write_bytes(header[:cut])
+        with Journal(tmp_path / "j", "abc", ROWS) as journal:
+            assert journal.done == {}
+            journal.add(3, RowResult(None, "why"))
+        with Journal(tmp_path / "j", "abc", ROWS) as journal:
+            assert journal.done == {3: RowResult(None, "why")}
+
+
+def test_a_journal_without_rows_does_not_stay(tmp_path: Path) -> None:
+    with Journal(tmp_path / "j", "abc", ROWS):
+        assert (tmp_path / "j").exists()
+    assert not (tmp_path / "j").exists()
+
+
+@pytest.mark.parametrize("content", [b"a text of mine", b"{}\n", b"\x89PNG\r\n\x1a\n", b"[" * 5000, b"null\n" * 3])
+def test_a_file_that_is_no_journal_is_refused_and_left_alone(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "j").write_bytes(content)
+    with pytest.raises(InputFileError, match="is not of this sweep"):
+        Journal(tmp_path / "j", "abc", ROWS)
+    assert (tmp_path / "j").read_bytes() == content
+
+
+@pytest.mark.parametrize(("fingerprint", "rows"), [("abd", ROWS), ("abc", ROWS + 1)])
+def test_a_journal_of_another_sweep_is_refused(fingerprint: str, rows: int, tmp_path: Path) -> None:
+    with Journal(tmp_path / "j", "abc", ROWS) as journal:
+        journal.add(0, RowResult(None, "why"))
+    with pytest.raises(InputFileError, match=r"is not of this sweep.*; delete it, or name another output"):
+        Journal(tmp_path / "j", fingerprint, rows)
+
+
+def test_two_runs_cannot_write_one_journal(tmp_path: Path) -> None:
+    with Journal(tmp_path / "j", "abc", ROWS) as journal:
+        journal.add(0, RowResult(None, "why"))
+        with pytest.raises(InputFileError, match="is in use by another run; wait until it has ended"):
+            Journal(tmp_path / "j", "abc", ROWS)
+    with Journal(tmp_path / "j", "abc", ROWS) as journal:
+        assert len(journal.done) == 1
+
+
+def test_a_folder_and_a_device_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError):
+        Journal(tmp_path, "abc", ROWS)
+    (tmp_path / "j").symlink_to("/dev/full")
+    with pytest.raises(InputFileError, match="must be a plain file"):
+        Journal(tmp_path / "j", "abc", ROWS)
+
+
+def test_it_is_named_after_its_output_and_can_be_read_by_people(tmp_path: Path) -> None:
+    path = journal_path(tmp_path / "r.parquet")
+    assert path == tmp_path / "r.parquet.unfinished"
+    with Journal(path, "abc", ROWS) as journal:
+        journal.add(2, RowResult(Measures(1.5, 1.0, 0.1, None, 3, 40.0)))
+    assert json.loads(path.read_text().splitlines()[1]) == [2, [1.5, 1.0, 0.1, None, 3, 40.0], None]
