@@ -34,8 +34,8 @@ class Recipe(NamedTuple):
         Iterations for the phases, and most Gauss–Newton steps.
     output : {"solved", "phase", "limited"}
         The output policy.
-    headroom, tolerance, gradients, flat
-        `methods.options.HEADROOM`, `TOLERANCE`, `GRADIENTS` and `FLAT`.
+    headroom, tolerance, gradients, flat, kept
+        `methods.options.HEADROOM`, `TOLERANCE`, `GRADIENTS`, `FLAT` and `KEPT`.
     """
 
     weighed: bool
@@ -47,6 +47,7 @@ class Recipe(NamedTuple):
     tolerance: float
     gradients: int
     flat: float
+    kept: float
 
 
 @partial(jax.jit, static_argnames="recipe")
@@ -147,23 +148,24 @@ def _corrected(transfer: Array, wanted: Array, counts: Array, drive: Array, reci
     norm = jnp.sum(wanted**2, axis=1, keepdims=True)
 
     def unfinished(state: tuple[Any, ...]) -> Array:
-        number, _, best, _ = state
+        number, _, best, *_ = state
         return jnp.logical_and(number <= recipe.steps, jnp.any(best >= recipe.tolerance))
 
     def step(state: tuple[Any, ...]) -> tuple[Any, ...]:
-        number, drive, best, chosen = state
+        number, drive, best, chosen, least = state
         pressure = jnp.einsum("fmn,fn->fm", transfer, drive)
         magnitude = jnp.abs(pressure)
         scale = jnp.maximum(jnp.sum(wanted * magnitude, axis=1, keepdims=True) / norm, TINY)
         missing = wanted - magnitude / scale
         error = jnp.sqrt(jnp.sum(missing**2, axis=1, keepdims=True) / counts[:, None])
-        better = (error < best) & (best >= recipe.tolerance)
+        least = jnp.where(number == 0, recipe.kept * scale, least)
+        better = (error < best) & (best >= recipe.tolerance) & (scale >= least)
         best, chosen = jnp.where(better, error, best), jnp.where(better, drive, chosen)
         half = _turns(transfer, wanted, drive, _unit(pressure).conj(), missing, recipe) * scale / 2
         turned = drive * jax.lax.complex(1 - half * half, 2 * half) / (1 + half * half)
-        return number + 1, turned, best, chosen
+        return number + 1, turned, best, chosen, least
 
-    begin = (0, drive, jnp.full_like(norm, jnp.inf), drive)
+    begin = (0, drive, jnp.full_like(norm, jnp.inf), drive, jnp.zeros_like(norm))
     chosen: Array = jax.lax.while_loop(unfinished, step, begin)[3]
     return chosen
 

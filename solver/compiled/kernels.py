@@ -46,7 +46,7 @@ SOLVED, PHASE, LIMITED = range(3)
 COLD = 0
 """Place of the cold phases among those that an engine keeps."""
 
-TURNS, GAMMA, MU, HEADROOM, TOLERANCE, FLAT, NUDGE, SETTINGS = range(8)
+TURNS, GAMMA, MU, HEADROOM, TOLERANCE, FLAT, KEPT, NUDGE, SETTINGS = range(9)
 """Numbers in an update's settings, float32: wave fronts per metre, and those of the method."""
 
 DIRECTIVITY_TERMS = 7
@@ -842,14 +842,16 @@ def find_turns(
 
 
 @_shared
-def _correct(m: int, tolerance: Any, gradients: int, flat: Any, steps: int, limit: Any, work: Any,
-             drive: Any) -> None:  # fmt: skip
-    """Turn the phases of the drive until the pressures are even, in at most ``steps`` steps; the best one is kept."""
+def _correct(m: int, settings: Any, gradients: int, steps: int, limit: Any, work: Any, drive: Any) -> None:
+    """Turn the phases of the drive until the pressures are even, in at most ``steps`` steps.
+
+    The best one is kept of those that keep the strength.
+    """
     parts = carve(work, m, len(limit))
     vectors, spans = parts.vectors, parts.spans
     wanted, p, x, v = vectors[WANTED], vectors[FELT], spans[DRIVE], spans[UNWEIGHED]
     residual, image = vectors[AIM].reshape(vectors[AIM].size), vectors[RHS].reshape(vectors[RHS].size)
-    best = F(1e30)
+    best, least = F(1e30), F(0)
     for step in range(steps + 1):
         reproduce(parts.re, parts.im, spans[WEIGHT], x, v, p)
         fit, norm, error = F(0), F(0), F(0)
@@ -858,24 +860,28 @@ def _correct(m: int, tolerance: Any, gradients: int, flat: Any, steps: int, limi
             fit += wanted[i] * residual[i]
             norm += wanted[i] * wanted[i]
         fit /= norm
+        if step == 0:
+            least = settings[KEPT] * fit
         if not fit > TINY:
             return
         for i in range(m):
             residual[i] = wanted[i] - residual[i] / fit
             error += residual[i] * residual[i]
         error = np.sqrt(error / F(m))
-        if error < best:
+        if error < best and fit >= least:
             best = error
             for q in range(len(drive)):
                 size = np.sqrt(x[0, q] * x[0, q] + x[1, q] * x[1, q]) + TINY
                 scale = min(F(1), BELOW * limit[q] / size)  # turning rounds
                 drive[q] = complex(x[0, q] * scale, x[1, q] * scale)
-        if error < tolerance or step == steps:
+        if best < settings[TOLERANCE] or step == steps:
             return
         rows = differentiate(parts.re, parts.im, v, p, wanted, m, parts.slopes)
         for i in range(m, rows):
             residual[i] = F(0)
-        find_turns(parts.slopes, rows, wanted, m, gradients, flat, residual, image, spans[SEARCH], spans[TURN])
+        find_turns(
+            parts.slopes, rows, wanted, m, gradients, settings[FLAT], residual, image, spans[SEARCH], spans[TURN]
+        )
         for q in range(x.shape[1]):
             half = F(0.5) * fit * spans[TURN][0, q]
             scale = F(1) / (F(1) + half * half)
@@ -884,14 +890,14 @@ def _correct(m: int, tolerance: Any, gradients: int, flat: Any, steps: int, limi
 
 
 @_part
-def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int,
-            flat: Any, steps: int, work: Any, drive: Any) -> None:  # fmt: skip
+def _finish(elements: Any, m: int, u: Any, settings: Any, output: int, gradients: int, steps: int, work: Any,
+            drive: Any) -> None:  # fmt: skip
     """Solve for the drive with the phases u, and correct it as `_correct` does."""
     parts = carve(work, m, elements.shape[1])
     vectors, x, limit = parts.vectors, parts.spans[DRIVE], elements[LIMIT]
     inverse, wanted, b, y = vectors[INVERSE], vectors[WANTED], vectors[RHS], vectors[SOLUTION]
     rows = len(parts.re)
-    factorise(parts.gram_re, parts.gram_im, m, rows, mu, parts.lower_re, parts.lower_im, inverse)
+    factorise(parts.gram_re, parts.gram_im, m, rows, settings[MU], parts.lower_re, parts.lower_im, inverse)
     for i in range(b.shape[1]):
         b[0, i] = b[1, i] = F(0)
     for i in range(m):
@@ -899,18 +905,18 @@ def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, 
         b[0, i], b[1, i] = scale * u[0, i], scale * u[1, i]
     substitute(parts.lower_re, parts.lower_im, inverse, rows, b, y)
     back_project(parts.re, parts.im, parts.spans[WEIGHT], y, x)
-    limit_drive(x, limit, output, headroom)
+    limit_drive(x, limit, output, settings[HEADROOM])
     for q in range(len(drive)):
         drive[q] = complex(x[0, q], x[1, q])
     if steps > 0:
-        _correct(m, tolerance, gradients, flat, steps, limit, work, drive)
+        _correct(m, settings, gradients, steps, limit, work, drive)
 
 
 @_kernel
-def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, tolerance: Any, gradients: int,
-           flat: Any, steps: int, work: Any, drive: Any) -> None:  # fmt: skip
+def finish(elements: Any, m: int, u: Any, settings: Any, output: int, gradients: int, steps: int, work: Any,
+           drive: Any) -> None:  # fmt: skip
     """Solve for the drive with the phases u, and correct it; see `_finish`."""
-    _finish(elements, m, u, mu, output, headroom, tolerance, gradients, flat, steps, work, drive)
+    _finish(elements, m, u, settings, output, gradients, steps, work, drive)
 
 
 @_part
@@ -954,8 +960,7 @@ def _update(
     _model(elements=elements, directivity=directivity, turns=settings[TURNS], nepers=nepers, origin=origin,
            points=points, amplitudes=amplitudes, work=work)  # fmt: skip
     _begin(m, elements.shape[1], settings[GAMMA], phase_steps, power != 0, u, work)
-    _finish(elements=elements, m=m, u=u, mu=settings[MU], output=output, headroom=settings[HEADROOM],
-            tolerance=settings[TOLERANCE], gradients=gradients, flat=settings[FLAT], steps=steps, work=work,
+    _finish(elements=elements, m=m, u=u, settings=settings, output=output, gradients=gradients, steps=steps, work=work,
             drive=drive)  # fmt: skip
 
 

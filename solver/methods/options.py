@@ -10,6 +10,7 @@ __all__ = [
     "FLAT",
     "GRADIENTS",
     "HEADROOM",
+    "KEPT",
     "LEAST_GAIN",
     "LEAST_MU",
     "NUDGE",
@@ -34,6 +35,9 @@ GRADIENTS = 6
 
 FLAT = 0.05
 """Part of the first gradient at which these end: the next step has other gradients."""
+
+KEPT = 0.5
+"""Part of the strength with which ``wgs`` begins that it keeps: contradicting points are most even in near silence."""
 
 NUDGE = 0.05
 """Part of the cold start in a warm one: without it, phases that are symmetric on a symmetric shape would stay so."""

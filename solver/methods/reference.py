@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from .options import FLAT, GRADIENTS, HEADROOM, LEAST_GAIN, TOLERANCE, Output, Phases
+from .options import FLAT, GRADIENTS, HEADROOM, KEPT, LEAST_GAIN, TOLERANCE, Output, Phases
 
 __all__ = [
     "Regularised",
@@ -176,7 +176,7 @@ def misfit(pressure: Complex, wanted: Real) -> tuple[float, float]:
 
 
 def correct(transfer: Complex, wanted: Real, drive: Complex, steps: int) -> Complex:
-    """Gauss–Newton steps over the phases of drives; the best iterate is kept.
+    """Gauss–Newton steps over the phases of drives; the best iterate of those that keep the strength is kept.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def correct(transfer: Complex, wanted: Real, drive: Complex, steps: int) -> Comp
     drive : (n,) complex
         The drives at which it begins, within their limits; magnitudes stay.
     steps : int
-        Most steps; it ends if the `misfit` falls below `TOLERANCE`.
+        Most steps; it ends if the `misfit` of one that keeps `KEPT` of the strength falls below `TOLERANCE`.
 
     Notes
     -----
@@ -195,14 +195,16 @@ def correct(transfer: Complex, wanted: Real, drive: Complex, steps: int) -> Comp
     """
     nulls = wanted == 0
     proportions = np.concatenate([wanted, np.zeros(nulls.sum())])
-    best, chosen = np.inf, drive
+    best, chosen, least = np.inf, drive, 0.0
     for step in range(steps + 1):
         waves = transfer * drive
         pressure = waves.sum(axis=1)
         scale, error = misfit(pressure, wanted)
-        if error < best:
+        if step == 0:
+            least = KEPT * scale
+        if error < best and scale >= least:
             best, chosen = error, drive
-        if error < TOLERANCE or step == steps:
+        if best < TOLERANCE or step == steps:
             break
         aligned = waves * unit(pressure).conj()[:, None]
         slopes = np.concatenate([-aligned.imag, aligned.real[nulls]])

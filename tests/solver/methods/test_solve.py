@@ -32,7 +32,7 @@ from phasewire import (
     two_sided,
 )
 from phasewire.solver import METHODS, Star
-from phasewire.solver.acoustics.propagation import transfer_matrix
+from phasewire.solver.acoustics.propagation import Precision, transfer_matrix
 from phasewire.solver.methods.methods import options_of
 from phasewire.solver.methods.solve import engine_for
 
@@ -80,6 +80,17 @@ def test_the_recommended_method_is_even_and_strong(array: TransducerArray, shape
     assert best.mean() > 0.85 * paper.mean()
     away = np.abs(pressure(array, solve(array, points).drive, [[0.09, 0.09, 0.2], [-0.09, 0.07, 0.2]]))
     assert away.max() < 0.3 * best.min()
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_corrections_of_contradicting_points_do_not_end_in_silence(precision: Precision) -> None:
+    """One place with four strengths would be most even without any pressure."""
+    points, panel = ControlPoints(np.tile([0.01, 0.0, 0.15], (4, 1)), [1, 0.5, 0, 0]), TransducerArray.grid(15, 5)
+    plain, corrected = (
+        np.abs(pressure(panel, solve(panel, points, precision=precision, steps=steps).drive, points.positions[:1]))
+        for steps in (0, 30)
+    )
+    assert corrected > 0.49 * plain
 
 
 def test_corrected_full_power_is_even_too(array: TransducerArray) -> None:
