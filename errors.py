@@ -133,7 +133,15 @@ class ClusterNotFoundError(ClusterError):
 
 
 class DeviceError(PhasewireError):
-    """Something between a device's URL and its boards went wrong."""
+    """Something between a device's URL and its boards went wrong.
+
+    Attributes
+    ----------
+    device : str or None
+        Which of several devices it was, if its name is in the message.
+    """
+
+    device: str | None = None
 
 
 class DeviceNotFoundError(DeviceError):

@@ -97,7 +97,9 @@ def stages(flops: float) -> Iterator[dict[str, Any]]:
         re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans, _ = kernels.carve(engine._work, m, n)
         rows, u = len(re), engine._phases[engine._last]
         wanted, response = vectors[kernels.WANTED], vectors[kernels.RESPONSE]
-        inverse, aim, rhs, y = (vectors[row] for row in (kernels.INVERSE, kernels.AIM, kernels.RHS, kernels.SOLUTION))
+        inverse, aim, rhs, y = (
+            vectors[row] for row in (kernels.INVERSE, kernels.SCRATCH, kernels.RHS, kernels.SOLUTION)
+        )
         reach, weight, x = spans[kernels.REACH], spans[kernels.WEIGHT], spans[kernels.DRIVE]
         tables, mu = engine._tables, np.float32(0.03)
         calls: dict[str, tuple[Callable[[], object], float]] = {

@@ -41,11 +41,11 @@ def _tell(json_target: str | None, command: str, name: str, said: str, status: S
 def stop(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
     """Turn all outputs of a device off, or of all devices of a rig that can be reached."""
     check_outputs([json_target])
-    note_where_fresh(device)
     rig = rig_file(device)
     if rig is not None:
         _stop_all(read_rig(rig), json_target)
         return
+    note_where_fresh(device)
     with open_device(device) as opened:
         opened.stop()
         status = opened.status()
@@ -55,16 +55,19 @@ def stop(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
 def _stop_all(members: Sequence[RigDevice], json_target: str | None) -> None:
     """Turn the outputs of all devices of a rig off, even if some cannot be reached."""
     out, told, failure = console_for(json_target), list[dict[str, Any]](), None
+    for url in dict.fromkeys(member.url for member in members):
+        note_where_fresh(url)
     for member in members:
         try:
             with naming(member.name), open_device(member.url) as opened:
                 opened.stop()
-                told.append({"device": opened.name, "status": plain(opened.status())})
+                told.append({"name": member.name, "device": opened.name, "status": plain(opened.status())})
             out.print(f"{member.name}: {opened.name}: the outputs are off.")
         except DeviceError as error:
             error_console().print(f"warning: {error}", style="yellow")
+            told.append({"name": member.name, "problem": str(error)})
             failure = failure or error
-    write_json(json_target, {"format": "phasewire-stop-1", "devices": told})
+    write_json(json_target, {"format": "phasewire-stop-rig-1", "devices": told})
     if failure is not None:
         raise failure
 
@@ -77,7 +80,7 @@ def _versions(what: Info) -> str:
 
 @commands.command(epilog="Example: phasewire info --json -")
 def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
-    """Show a device's description and its state."""
+    """Show a device's description and its state, or the devices of a rig as one array."""
     check_outputs([json_target])
     rig = rig_file(device)
     if rig is not None:

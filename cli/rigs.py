@@ -10,6 +10,7 @@ from rich.table import Table
 
 from ..host.finding.rigs import look_at_rig
 from ..host.playing.rig import read_rig
+from ..solver.geometry import counted
 from .console import console_for, error_console, write_json
 
 __all__ = ["show_rig"]
@@ -25,16 +26,7 @@ def show_rig(path: Path, json_target: str | None) -> None:
         devices, common, error = look_at_rig(members)
     out = console_for(json_target)
     table = Table()
-    for column in (
-        "device",
-        "url",
-        "serial number",
-        "transducers",
-        "centre, mm",
-        "looks to",
-        "periods ahead",
-        "problem",
-    ):
+    for column in COLUMNS:
         table.add_column(column, overflow="fold")
     for each in devices:
         ahead = "" if each.periods_ahead is None else str(each.periods_ahead)
@@ -47,7 +39,7 @@ def show_rig(path: Path, json_target: str | None) -> None:
             if str(common) not in str(said.message):  # which comes below
                 error_console().print(f"warning: {said.message}", style="yellow")
         count = sum(each.transducers for each in devices)
-        out.print(f"{len(devices)} devices, {count} transducers, {common}.")
+        out.print(f"{counted(len(devices), 'device')}, {counted(count, 'transducer')}, {common}.")
     write_json(
         json_target,
         {

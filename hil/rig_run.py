@@ -64,10 +64,11 @@ class RigRun:
 
     @property
     def shares(self) -> NDArray[np.float64]:
-        """Pressure at each control point with the transducers where they really are, (m,): 1 is as intended."""
-        points, medium = self.solution.points.positions, self.solution.medium
-        intended = pressure(self.solution.array, self.solution.drive, points, medium)
-        return np.abs(pressure(self.built, self.rebuilt, points, medium)) / np.abs(intended)
+        """Pressure at each control point that is no null, with transducers where they really are: 1 is as intended."""
+        solution = self.solution
+        at = solution.points.positions[solution.points.amplitudes > 0]
+        intended = pressure(solution.array, solution.drive, at, solution.medium)
+        return np.abs(pressure(self.built, self.rebuilt, at, solution.medium)) / np.abs(intended)
 
     def checks(self) -> list[Check]:
         """All requirements; the verdict is good if all are met."""
@@ -102,10 +103,12 @@ def run_rig(
     Raises
     ------
     ValueError
-        If the solution has another number of drives than the rig has transducers.
+        If the solution has another number of drives than the rig has transducers, or the rig has calibrations.
     DeviceError
         If a device fails, or the devices cannot begin together.
     """
+    if group.calibration is not None:
+        raise ValueError("a rig with calibrations emits other drives than the solution's; open it without them")
     ack = group.show(solution)
     captures, begins = [], []
     for emulator, offset in zip(emulators, group.common.offsets, strict=True):

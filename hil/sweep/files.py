@@ -197,7 +197,7 @@ def _read_toml(path: Path) -> list[Row]:
     for name in content:
         if name not in (*FIELDS, GRID, DESIGN, TABLE):
             known = ", ".join((GRID, DESIGN, TABLE, *FIELDS))
-            raise ValueError(f"there is no field {name!r}; there are {known}")
+            raise ValueError(f"there is no field {name!r}; the fields are {known}")
     axes = _axes(content.get(GRID, {}))
     designs = _designs(content, path.parent)
     _check_count(len(designs) * math.prod(len(values) for values in axes.values()))

@@ -78,7 +78,8 @@ def run_sweep(
     check_outputs([output])
     with needing("scale", "a sweep"):
         import pyarrow.parquet  # noqa: F401  # before the work, which takes long
-    fingerprint, path = sweep.fingerprint(version("phasewire")), journal_path(Path(output))
+    versions = " ".join(f"{name} {version(name)}" for name in ("phasewire", "numpy", "scipy", "numba"))
+    fingerprint, path = sweep.fingerprint(versions), journal_path(Path(output))
     if not path.exists() and _holds(output, fingerprint):
         return SweepRun(len(sweep), 0, 0)
     with Journal(path, fingerprint, len(sweep)) as journal:

@@ -97,7 +97,7 @@ class DeviceClock:
         uncertainties: NDArray[np.float64],
         last: float,
     ) -> None:
-        """Fit a line through readings, weighted by their precision; returns also its error at the last moment."""
+        """Fit a line through readings, weighted by their precision, and find its error at the last moment."""
         weights = uncertainties**-2
         weights /= weights.sum()
         self._slope, self._moment, self._tick = float(TICK_HZ), float(weights @ moments), float(weights @ ticks)

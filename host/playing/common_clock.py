@@ -22,12 +22,12 @@ __all__ = ["CommonClock", "CommonTime", "common_time"]
 MOST_UNSURE_PERIODS = SYNC_PERIODS // 100
 """Pulses of devices without a common line coincide within these by chance once in 50 times, and not for long."""
 DELAY_PERIODS, DELAY_SECONDS = 400, 2.0
-"""By so much a device that a busy computer emulates may seem to lag, and for so long by more. A device that misses the
-line's pulses also notices it itself (clause CHN-027)."""
+"""A device that a busy computer emulates may lag by this many periods; by more for at most this many seconds. A device
+that misses the line's pulses also notices it itself (clause CHN-027)."""
 QUARTZ_PPM = 100
-"""By so much two quartz clocks differ at the most, until it is measured."""
+"""The greatest difference of the rates of two quartz clocks, in millionths; used until it is measured."""
 SLIP_PERIODS = 0.75
-"""By so much an estimate must differ from a whole number before the next one is used, so that it does not flicker."""
+"""An offset is kept until the estimate differs from it by more than this, so that it does not flicker."""
 
 
 class CommonTime:
@@ -107,9 +107,12 @@ class CommonClock:
         """Find out whether the devices share a sync line, at a moment of the host; returns it."""
         apart, unsure = _apart(clocks, moment), _unsure(clocks)
         self.offsets = [self._by_pulses(place, periods) for place, periods in enumerate(apart)]
-        self.shared = self._pulsed and all(
-            abs(periods - offset) <= least <= MOST_UNSURE_PERIODS
-            for periods, offset, least in zip(apart[1:], self.offsets[1:], unsure[1:], strict=True)
+        self.shared = len(clocks) == 1 or (
+            self._pulsed
+            and all(
+                abs(periods - offset) <= least <= MOST_UNSURE_PERIODS
+                for periods, offset, least in zip(apart[1:], self.offsets[1:], unsure[1:], strict=True)
+            )
         )
         self._together_at = moment
         if not self.shared:

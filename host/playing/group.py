@@ -298,7 +298,8 @@ class DeviceGroup:
                 on_progress(stream.report)
 
     def _modulate_first(self, envelope: Envelope) -> None:
-        """Modulate on all devices, and wait until that has begun: a frame before it would be late."""
+        """Enable and modulate all devices, and wait until that has begun: a frame before it would be late."""
+        self.enable()  # one may have turned its outputs off meanwhile
         begins = self.modulate(*envelope).commit_period
         self.time.sleep(max(self._lanes[0].clock.moment_of(begins) - self.time.monotonic(), 0))
 

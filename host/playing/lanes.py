@@ -55,12 +55,12 @@ def unchanged(frames: PulseFrames) -> PulseFrames:
 
 @contextmanager
 def naming(name: str) -> Iterator[None]:
-    """Name one of several devices in its errors."""
+    """Name one of several devices in its errors, once: the innermost name is right."""
     try:
         yield
     except DeviceError as error:
-        if name:
-            error.args = (f"{name}: {error}", *error.args[1:])
+        if name and error.device is None:
+            error.args, error.device = (f"{name}: {error}", *error.args[1:]), name
         raise
 
 
@@ -101,9 +101,9 @@ class Lane:
         self.block_lead = LEAST_LEAD_PERIODS + ceil(1 / blocks_per_period)
         self.most_blocks = max(1, int(min(MOST_BLOCKS, TURN_PERIODS * blocks_per_period)))
         self.held_up = 0
-        """Where the line carries blocks by itself: the periods by which frames were late."""
+        """If the line carries blocks by itself: the periods by which frames were late."""
         self._on_the_way = self.way = 0
-        """On such a line: the periods that an answer takes at the most, and those that a block takes as a rule."""
+        """For such a line: the periods that an answer takes at the most, and those that a block takes as a rule."""
         self.posted = deque[tuple[int, Parcel]]()
         """Number of the last frame of each parcel, and the parcel."""
         self.counts = Counter[str]()

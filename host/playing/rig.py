@@ -134,7 +134,8 @@ def _device(array: TransducerArray, fields: Mapping[str, Any], name: str, folder
     for key in ("url", "name", "calibration"):
         value = fields.get(key, None if key == "url" else "text")
         if not isinstance(value, str) or not value:
-            raise ValueError(f"{key} is {value!r}; it must be text, such as {_SUCH_AS[key]!r}")
+            given = "missing" if value is None else repr(value)
+            raise ValueError(f"{key} is {given}; it must be text, such as {_SUCH_AS[key]!r}")
     calibration = None
     if file := fields.get("calibration"):
         try:

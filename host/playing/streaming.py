@@ -45,9 +45,10 @@ MOST_LATE_SHARE = 0.01
 
 @dataclass(frozen=True)
 class StreamReport:
-    """The results of a stream; each frame is counted once as accepted, damaged, refused or unanswered.
+    """The results of a stream.
 
-    Those of several devices are the worst of each: the fewest accepted frames, the most late ones.
+    Of one device, each frame is counted once as accepted, damaged, refused or unanswered. Of several devices each
+    number is the worst of all, such as the fewest accepted frames and the most late ones: they need not add up.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ TILE = 8
 X, Y, Z, NX, NY, NZ, GAIN, LEAD, LIMIT, ELEMENT_ROWS = range(10)
 """Rows of the table of transducers: position/m, normal, gain, phase of the response in turns, largest drive."""
 
-RESPONSE, INVERSE, WANTED, AIM, RHS, SOLUTION, FELT = (0, 0), (0, 1), (1, 0), 2, 3, 4, 5
+RESPONSE, INVERSE, WANTED, SCRATCH, RHS, SOLUTION, FELT = (0, 0), (0, 1), (1, 0), 2, 3, 4, 5
 """In `Parts.vectors`: the response of (9), 1/diag(L), and the amplitudes, the largest of which is 1; scratch; and,
 complex, the wanted pressure, which `substitute` uses up, the y that this finds, and the pressure that `reproduce`
 finds."""
@@ -700,7 +700,7 @@ def align(m: int, columns: int, phase_steps: int, power: bool, u: Any, work: Any
     wanted, response = vectors[WANTED], vectors[RESPONSE]
     for i in range(len(gram_re)):
         response[i] = wanted[i] / max(gram_re[i, i], TINY) if i < m else F(0)
-    iterate_phases(gram_re, parts.gram_im, response, len(parts.re), phase_steps, power, u, vectors[AIM])
+    iterate_phases(gram_re, parts.gram_im, response, len(parts.re), phase_steps, power, u, vectors[SCRATCH])
 
 
 @_kernel
@@ -752,7 +752,7 @@ def carry(m: int, ids: Any, before_ids: Any, before: Any, cold: Any, nudge: Any,
 def more_phases(m: int, columns: int, steps: int, power: bool, u: Any, work: Any) -> None:
     """Improve the phases u by some steps more."""
     parts = carve(work, m, columns)
-    response, scratch = parts.vectors[RESPONSE], parts.vectors[AIM]
+    response, scratch = parts.vectors[RESPONSE], parts.vectors[SCRATCH]
     iterate_phases(parts.gram_re, parts.gram_im, response, len(parts.re), steps, power, u, scratch)
 
 
@@ -850,7 +850,7 @@ def _correct(m: int, settings: Any, gradients: int, steps: int, limit: Any, work
     parts = carve(work, m, len(limit))
     vectors, spans = parts.vectors, parts.spans
     wanted, p, x, v = vectors[WANTED], vectors[FELT], spans[DRIVE], spans[UNWEIGHED]
-    residual, image = vectors[AIM].reshape(vectors[AIM].size), vectors[RHS].reshape(vectors[RHS].size)
+    residual, image = vectors[SCRATCH].reshape(vectors[SCRATCH].size), vectors[RHS].reshape(vectors[RHS].size)
     best, least = F(1e30), F(0)
     for step in range(steps + 1):
         reproduce(parts.re, parts.im, spans[WEIGHT], x, v, p)

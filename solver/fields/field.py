@@ -258,9 +258,13 @@ def _sample(
         layers = [shifts_over(lattice, grid, height, per_pitch, medium, "single")(emitted) for height in heights]
         return frozen(np.reshape(layers, grid.shape).astype(np.complex128))
     if samples * len(array) > MAX_PAIRS:
+        more = (
+            ", unless the array is flat and on a square grid, the plane is parallel to it, and the pitch is a multiple "
+            "of the step"
+        )
         raise ValueError(
-            f"{samples} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs, unless the "
-            f"array is flat and on a square grid, the plane is parallel to it, and the pitch is a multiple of the step"
+            f"{samples} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs"
+            + (more if here else "; backend 'cpu' may have an FFT for more")
         )
     values = pressure(array, drive, grid.positions().reshape(-1, 3), medium, "single", "cpu" if here else backend)
     return frozen(values.reshape(grid.shape))

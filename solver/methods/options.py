@@ -73,7 +73,8 @@ class Options:
     phase_seconds : float, optional
         Time after which no further iteration begins. With it, results depend on the speed of the machine.
     steps : int
-        Most Gauss–Newton steps over the phases of the drives. Fewer are taken if the misfit falls to a per mille.
+        Most Gauss–Newton steps over the phases of the drives. Fewer are taken if the misfit of drives that keep half of
+        the strength falls to a per mille.
     sweeps : int
         Passes of the coordinate descent over all transducers.
     levels : int

@@ -115,7 +115,9 @@ def test_stop_reaches_the_others_if_a_device_is_missing(phasewire: Run, cluster:
     assert stopped.code == 3
     assert "above: " in stopped.out
     assert "below: " in stopped.err
-    assert len(json.loads(Path("stopped.json").read_text())["devices"]) == 1
+    missing, stood = json.loads(Path("stopped.json").read_text())["devices"]
+    assert "below" in missing["problem"]
+    assert stood["status"]["state"] == "OFF"
 
 
 @pytest.mark.parametrize(

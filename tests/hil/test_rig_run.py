@@ -12,6 +12,7 @@ from phasewire import ControlPoints, DeviceGroup, Emulator, Pulses, RigDevice, T
 from phasewire import solve as solve_for
 from phasewire.emulator.cluster import Cluster
 from phasewire.hil import RigRun, run_rig
+from phasewire.host.playing.calibration import Calibration
 from phasewire.solver.geometry import rotation_matrix
 
 from tests.host.test_group import OffLine
@@ -66,6 +67,13 @@ def test_devices_around_a_point_make_the_focus_of_one_array(count: int) -> None:
     reached = np.abs(pressure(TransducerArray(group.array.positions[::40], group.array.normals[::40]), alone, [FOCUS]))
     assert reached[0] == pytest.approx(most, rel=1e-3)
     assert run.shares[0] == pytest.approx(1, abs=0.01)
+
+
+def test_a_rig_with_calibrations_is_not_judged() -> None:
+    with Cluster(1, serial="R") as cluster:
+        member = RigDevice(cluster.devices[0].url, calibration=Calibration.perfect(320))
+        with open_devices([member]) as group, pytest.raises(ValueError, match="open it without them"):
+            run_rig(solve_for(group.array, [FOCUS]), group, list(cluster))
 
 
 @pytest.mark.parametrize("direction", [(0, 0, -1), (0, 0, 1)])

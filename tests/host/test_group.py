@@ -216,6 +216,14 @@ def test_a_device_whose_pulses_no_longer_come_shares_no_line() -> None:
     assert not CommonClock(["one", "other"], readings).meet(clocks, 0.0)
 
 
+def test_one_device_has_one_clock_whatever_its_pulses() -> None:
+    clock = DeviceClock()
+    clock.add(Reading(0, 1e-5, 50 * 10_000))
+    common = CommonClock(["only"], [ClockReading(50 * 10_000, 4096, 2)])
+    assert common.meet([clock], 0.0)
+    assert str(common) == "one clock"
+
+
 def test_a_clock_that_leaves_the_line_is_named() -> None:
     clocks = [DeviceClock(), DeviceClock()]
     common = CommonClock(["one", "other"], [ClockReading(0, 0, 1), ClockReading(0, 0, 1)])
@@ -396,6 +404,13 @@ def test_a_modulation_begins_on_all_devices_in_the_same_period_and_before_the_fr
         first, second = (each.capture().drives(report.first_period, report.first_period + 800) for each in emulators)
         assert np.ptp(np.abs(first[:, 0])) > 0.9
         np.testing.assert_array_equal(first, second)
+
+
+def test_a_modulated_stream_begins_after_the_watchdogs_have_fired() -> None:
+    with together() as (group, _):
+        group.show(FULL)
+        group.time.sleep(1)
+        assert group.stream(repeat(FULL, 40), 1000, envelope=sine(200)).accepted == 40
 
 
 def test_a_cycle_plays_from_the_memories_of_all_devices_in_step() -> None:

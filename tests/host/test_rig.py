@@ -80,7 +80,7 @@ FIRST = '[[device]]\nurl = "usb:A"\n'
         ("device = 3\n", r"it has no devices; each begins with \[\[device\]\]"),
         ("device = [3]\n", r"3 is no table; each device begins with \[\[device\]\]"),
         (FIRST + "[[panel]]\ncolumns = 3\n", r"\[\[panel\]\] and \[\[device\]\] exclude each other"),
-        ("[[device]]\nname = 'left'\n", "device 1: url is None; it must be text, such as 'usb:SERIAL'"),
+        ("[[device]]\nname = 'left'\n", "device 1: url is missing; it must be text, such as 'usb:SERIAL'"),
         (TWO + "url2 = 1\n", "device 2: there is no field 'url2'; the fields are url, name, calibration, channels, pa"),
         (FIRST + "name = 3\n", "device 1: name is 3; it must be text, such as 'left'"),
         (FIRST + "calibration = 'no.csv'\n", "device 1: calibration 'no.csv' cannot be read: No such file"),

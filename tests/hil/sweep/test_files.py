@@ -102,7 +102,7 @@ def test_rows_with_the_same_problem_stand_in_one_line_with_ranges(bad: set[int])
         ('source = "circle:height=3"', "row 0: source 'circle:height=3': .* is out of reach"),
         ('source = "circle:height=0.001,radius=0.02"', "closer to a transducer than"),
         ("pitch_mm = 9", "row 0: source is missing; it must be a shape such as"),
-        (SOURCE + "colums = 3", "there is no field 'colums'; there are grid, design, table, source"),
+        (SOURCE + "colums = 3", "there is no field 'colums'; the fields are grid, design, table, source"),
         (SOURCE + "[grid]\ncolums = [3]", "row 0: there is no field 'colums'; the fields are source"),
         (SOURCE + "[grid]\npitch_mm = []", "the axis pitch_mm must be a list of values, or such as"),
         (SOURCE + "[grid]\npitch_mm = 3", "the axis pitch_mm must be a list of values, or such as"),
