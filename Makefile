@@ -74,6 +74,9 @@ bench: $(VENV)/ready         ## the benchmarks; run them on a quiet machine
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q benchmarks $(PYTEST_ARGS)
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/solver.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/contact.py
+	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/scaling.py
+	@$(BIN)/python benchmarks/sweeps.py
+	@$(BIN)/python benchmarks/gpu.py
 	@$(BIN)/python benchmarks/protocol.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/emulator.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/executed.py
