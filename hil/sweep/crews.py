@@ -227,6 +227,7 @@ def _deaf_to_ctrl_c() -> Iterator[None]:
 @contextmanager
 def _connected(address: str) -> Iterator[Client]:
     """A client of a scheduler with at least one worker and our versions."""
+    import dask
     from distributed import Client
     from distributed.versions import VersionMismatchWarning
 
@@ -236,8 +237,9 @@ def _connected(address: str) -> Iterator[Client]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", VersionMismatchWarning)  # which are judged here
             try:
-                client = Client(address, timeout=CONNECT_SECONDS)
-            except (OSError, ValueError, ImportError) as error:
+                with dask.config.set({"distributed.comm.timeouts.connect": CONNECT_SECONDS}):
+                    client = Client(address, timeout=CONNECT_SECONDS)
+            except Exception as error:  # what answers may be no scheduler, and then Dask raises whatever it likes
                 raise ClusterNotFoundError(f"no scheduler of Dask answers at {address}: {error}") from error
         with client:
             try:

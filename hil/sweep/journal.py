@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import stat
 from pathlib import Path
@@ -80,7 +81,11 @@ class Journal:
     ) -> None:
         if not self.done:
             self.remove()
-        self._file.close()
+        try:
+            self._file.close()
+        except OSError:  # of a full disk, which an earlier error names
+            if kind is None:
+                raise
 
     def add(self, row: int, result: RowResult) -> None:
         """Keep the result of a row."""
@@ -118,9 +123,10 @@ class Journal:
                 "another output"
             )
         for line in self._file:
-            if (entry := _entry(_parsed(line), header["rows"])) is None or not line.endswith(b"\n"):
+            if not line.endswith(b"\n"):  # a kill cut it
                 break
-            row, self.done[row] = entry
+            if (entry := _entry(_parsed(line), header["rows"])) is not None:  # a damaged row is measured again
+                row, self.done[row] = entry
             whole += len(line)
         self._file.seek(whole)
         self._file.truncate()
@@ -147,9 +153,19 @@ def _parsed(line: bytes) -> object:
 def _entry(value: Any, rows: int) -> tuple[int, RowResult] | None:
     """The row and the result in a line; None if it is no such line."""
     match value:
-        case [int(row), None, str(problem)] if 0 <= row < rows:
+        case [int(row), None, str(problem)] if 0 <= row < rows and _is_text(problem):
             return row, RowResult(None, problem)
         case [int(row), [*numbers], None] if 0 <= row < rows and len(numbers) == len(MEASURES):
-            if all(isinstance(number, (int, float, type(None))) for number in numbers):
+            if all(_is_of_kind(number, kind) for number, kind in zip(numbers, MEASURES.values(), strict=True)):
                 return row, RowResult(Measures(*numbers))
     return None
+
+
+def _is_text(problem: str) -> bool:
+    return problem.encode(errors="ignore").decode() == problem
+
+
+def _is_of_kind(number: object, kind: str) -> bool:
+    if kind == "int":
+        return type(number) is int and abs(number) < 2**63
+    return number is None or (type(number) is float and not math.isnan(number))

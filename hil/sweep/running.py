@@ -66,7 +66,7 @@ def run_sweep(
     ValueError
         If ``on`` or ``workers`` are not possible.
     InputFileError
-        If there is a journal of another sweep, or another process writes it.
+        If the output is something else, if there is a journal of another sweep, or if another process writes it.
     MissingExtraError
         If pyarrow, or Dask if it is used, is not installed.
     ClusterError
@@ -80,8 +80,13 @@ def run_sweep(
         import pyarrow.parquet  # noqa: F401  # before the work, which takes long
     versions = " ".join(f"{name} {version(name)}" for name in ("phasewire", "numpy", "scipy", "numba"))
     fingerprint, path = sweep.fingerprint(versions), journal_path(Path(output))
-    if not path.exists() and _holds(output, fingerprint):
-        return SweepRun(len(sweep), 0, 0)
+    if Path(output).exists():
+        if not _holds(output, fingerprint):
+            raise InputFileError(
+                f"{output} has something else than the results of this sweep; delete it, or name another"
+            )
+        if not path.exists():
+            return SweepRun(len(sweep), 0, 0)
     with Journal(path, fingerprint, len(sweep)) as journal:
         kept, busy = len(journal.done), 0
         tasks = [

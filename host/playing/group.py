@@ -16,11 +16,12 @@ from warnings import warn
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import DeviceError
+from ...errors import DeviceError, DeviceRefusedError
 from ...protocol.board import CARRIER_HZ
-from ...protocol.codes import NOW, AckFlag
+from ...protocol.codes import NOW, AckFlag, Reason
 from ...protocol.pulses import Pulses
 from ...protocol.quantise import PulseFrames
+from ...protocol.ranges import whole
 from ...protocol.replies import Ack, Status
 from ...solver import Solution, TransducerArray
 from ..lines.transport import Timekeeper
@@ -127,6 +128,7 @@ class DeviceGroup:
             lane.name = member.name
         self._lock = RLock()
         self._enabled = False
+        self._stops = 0
         self._compared: TransducerArray | None = None
         self.common = CommonClock([member.name for member in members], [device.clock() for device in devices])
         for _ in range(MOST_ROUNDS):
@@ -165,9 +167,10 @@ class DeviceGroup:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        self._stops += 1
         stack = ExitStack()
-        for device in reversed(self.devices):
-            stack.push(device)
+        for member, device in zip(reversed(self.members), reversed(self.devices), strict=True):
+            stack.push(partial(_left, member.name, device))
         stack.__exit__(kind, error, traceback)
 
     def close(self) -> None:
@@ -183,11 +186,19 @@ class DeviceGroup:
 
     def enable(self) -> None:
         """Enable the outputs of all, which `show`, `play` and `stream` do by themselves."""
-        self._each(Device.enable)
+        self._enable(self._stops)
+
+    def _enable(self, stops: int) -> None:
+        for place, device in enumerate(self.devices):
+            self._unless_stopped(stops, place, device.enable)
         self._enabled = True
 
     def stop(self) -> None:
-        """Turn all outputs off and drop what is queued, on every device, even if one fails."""
+        """Turn all outputs off and drop what is queued, on every device, even if one fails.
+
+        A call in another thread that plays ends in a `DeviceRefusedError`, as a stream does.
+        """
+        self._stops += 1  # before any device is off, so that no call turns one on again
         self._enabled = False
         with ExitStack() as stack:
             for member, device in zip(reversed(self.members), reversed(self.devices), strict=True):
@@ -328,17 +339,22 @@ class DeviceGroup:
 
         If the host was held up so long that a device was late, all begin once more.
         """
+        period, stops = whole("period", period, 0, 2**64 - 1), self._stops
         with self._lock:
             if not self._enabled:
-                self.enable()
+                self._enable(stops)
             lead = self._lead()
             for _ in range(ATTEMPTS):
                 common = max(period, self._look() + lead)
                 begins = [common + offset for offset in self.common.offsets]
-                acks = [
-                    self._guarded(device, partial(begin_on, place, begins[place]))
-                    for place, device in enumerate(self.devices)
-                ]
+                acks = list[Ack]()
+                for place, begin in enumerate(begins):
+                    try:
+                        acks.append(self._unless_stopped(stops, place, partial(begin_on, place, begin)))
+                    except ValueError:
+                        if acks:  # earlier devices have begun
+                            self._quieten()
+                        raise
                 late = [ack.commit_period - begin for ack, begin in zip(acks, begins, strict=True) if ack.commit_period]
                 if not any(late):
                     flags = acks[0].flags | (AckFlag.LATE if NOW != period < common else AckFlag(0))
@@ -348,6 +364,18 @@ class DeviceGroup:
         raise DeviceError(
             f"{self.name} did not begin together: one was {max(late)} periods late; this computer is too busy"
         )
+
+    def _unless_stopped(self, stops: int, place: int, step: Callable[[], Result]) -> Result:
+        """Take a step that turns a device's outputs on, unless all were stopped since a call began."""
+        device = self.devices[place]
+
+        def permitted() -> Result:
+            with self._lanes[place].session.lock:  # a stop that comes now waits, and then turns them off
+                if self._stops != stops:
+                    raise DeviceRefusedError("its outputs are off: the rig was stopped", Reason.DISABLED)
+                return step()
+
+        return self._guarded(device, permitted)
 
     def _lead(self) -> int:
         """Periods from now until all devices can have received what they begin with."""
@@ -384,6 +412,17 @@ class DeviceGroup:
     def _quieten(self) -> None:
         with suppress(DeviceError):  # out of reach: its watchdog does it
             self.stop()
+
+
+def _left(
+    name: str,
+    device: Device,
+    kind: type[BaseException] | None,
+    error: BaseException | None,
+    traceback: TracebackType | None,
+) -> None:
+    with naming(name):
+        device.__exit__(kind, error, traceback)
 
 
 def _named(name: str, step: Callable[[], None]) -> None:

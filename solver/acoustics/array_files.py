@@ -172,7 +172,7 @@ def _part(values: Any) -> Transducer:
     del known["aperture"]
     _check_keys(values, (NAME, *known))
     name = values.get(NAME, "MA40S4S")
-    if name not in TRANSDUCERS:
+    if not isinstance(name, str) or name not in TRANSDUCERS:
         raise ValueError(f"unknown {PART} {name!r}; known are {', '.join(TRANSDUCERS)}")
     changed = {key: value for key, value in values.items() if key != NAME}
     for key, value in changed.items():

@@ -69,6 +69,7 @@ class CompiledPair:
             suspect = self._drive(points, ids, cut, mask, drives, levels)
         if suspect >= 0:
             check_reachable(self._array, points)
+            self._drive(points, ids, cut, mask, drives, levels, sure=True)
         if cut is None:
             assert self._split is not None
             cut = Split(frozen(mask), self._split.axis, ids)
@@ -83,6 +84,8 @@ class CompiledPair:
         mask: NDArray[np.bool_],
         drives: NDArray[np.complex64],
         levels: NDArray[np.float64],
+        *,
+        sure: bool = False,
     ) -> int:
         """By a split if it is known, or else by the axis of the last one."""
         basis = cut or self._split
@@ -95,6 +98,7 @@ class CompiledPair:
             points.positions,
             points.amplitudes,
             ids,
+            int(sure),
             int(cut is not None),
             basis.axis,
             basis.mask,

@@ -89,7 +89,7 @@ def largest_eigenvalue(xx: Any, xy: Any, xz: Any, yy: Any, yz: Any, zz: Any) -> 
 def drive_pair(
     elements: Any, directivity: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any, power: int,
     output: int, steps: int, gradients: int, settings: Any, phase_steps: int, positions: Any, amplitudes: Any, ids: Any,
-    split_is_known: int, axis: Any, before: Any, before_ids: Any, mask: Any,
+    sure: int, split_is_known: int, axis: Any, before: Any, before_ids: Any, mask: Any,
     cold: Any, work: Any, u: Any, counts: Any, kept_ids: Any, kept: Any, drives: Any, levels: Any,
 ) -> int:  # fmt: skip
     """Split points in two halves, and find the drives of each, and the level by which it is to be turned down.
@@ -101,12 +101,15 @@ def drive_pair(
     Returns
     -------
     int
-        The first suspect point of a half, or -1 if there is none, or `TURNED` if the axis must turn: then nothing was
-        done.
+        `TURNED` if the axis must turn, or else the first suspect point if points are not ``sure``: then nothing was
+        done. Otherwise -1.
     """
-    m, suspect = len(positions), -1
+    m = len(positions)
     if not split_is_known and not holds(positions, amplitudes, ids, axis, before, before_ids, mask):
         return TURNED
+    suspect = -1 if sure else first_suspect(positions, bounds, farthest)
+    if suspect >= 0:
+        return int(suspect)
     largest = 0.0
     for i in range(m):
         largest = max(largest, amplitudes[i])
@@ -124,7 +127,6 @@ def drive_pair(
             for q in range(drives.shape[1]):
                 drives[half, q] = 0
             continue
-        suspect = max(suspect, first_suspect(points[:k], bounds, farthest))
         _update(
             elements=elements, directivity=directivity, nepers=nepers, origin=origin, settings=settings,
             phase_steps=phase_steps, power=power, output=output, steps=steps, gradients=gradients,
@@ -139,4 +141,4 @@ def drive_pair(
             kept[half, 0, i], kept[half, 1, i] = u[0, i], u[1, i]
     lowest = min(levels[0], levels[1])
     levels[0], levels[1] = lowest / levels[0], lowest / levels[1]
-    return suspect
+    return -1

@@ -171,6 +171,12 @@ class Solver:
         """
         if not len(positions):
             raise ValueError("there are no frames to solve for; give positions (k, m, 3), k at least 1")
+        try:
+            positions = np.array(positions, np.float64, order="C")  # as kernels read them
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"positions (k, m, 3) must be as many in each frame: {error}") from error
+        if positions.ndim != 3:
+            raise ValueError(f"positions have the shape {positions.shape}; it must be (k, m, 3)")
         points = ControlPoints(positions[0], amplitudes)
         check_size(self.array, points, self.method)
         names = checked_ids(points, ids)

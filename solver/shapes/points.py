@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["MAX_POINTS", "REACH", "ControlPoints", "check_reachable", "reachable"]
 
 MAX_POINTS = 4096
+LEAST_AMPLITUDE = 1e-300
+"""Of the strongest point: the inverse of a smaller one may be infinite."""
 """Most control points that are solved for at once: far more than an array can serve, few enough for the memory."""
 
 REACH = 2.0
@@ -67,6 +69,8 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
             raise ValueError(f"amplitude {values[bad[0]]} of control point {bad[0]} must be finite and not negative")
         if not values.any():
             raise ValueError("every control point has amplitude 0; at least one must be positive")
+        if values.max() < LEAST_AMPLITUDE:
+            raise ValueError(f"the largest amplitude is {values.max():g}; it must be at least {LEAST_AMPLITUDE:g}")
         object.__setattr__(self, "positions", frozen(points))
         object.__setattr__(self, "amplitudes", frozen(values))
 

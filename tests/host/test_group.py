@@ -406,6 +406,26 @@ def test_a_modulation_begins_on_all_devices_in_the_same_period_and_before_the_fr
         np.testing.assert_array_equal(first, second)
 
 
+def test_a_stop_between_two_devices_leaves_none_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    with together() as (group, emulators):
+        first, show = group.devices[0], group.devices[0].show
+        stopping = threading.Thread(target=group.stop)
+
+        def stopped_meanwhile(*frame: Any) -> Any:
+            ack = show(*frame)
+            stopping.start()
+            while group._stops == 0:
+                time.sleep(0.001)
+            return ack
+
+        monkeypatch.setattr(first, "show", stopped_meanwhile)
+        with pytest.raises(DeviceRefusedError, match=r"^D1: .* the rig was stopped"):
+            group.show(FULL)
+        stopping.join()
+        assert silent(emulators)
+        assert [device.status().state for device in group.devices] == [State.OFF, State.OFF]
+
+
 def test_a_modulated_stream_begins_after_the_watchdogs_have_fired() -> None:
     with together() as (group, _):
         group.show(FULL)

@@ -147,10 +147,17 @@ def test_a_whole_journal_only_needs_to_be_written(sweep: Sweep, output: Path, mo
 
 
 @pytest.mark.usefixtures("quick")
-def test_another_sweep_replaces_results_but_no_journal(sweep: Sweep, output: Path) -> None:
-    run_sweep(sweep, output, on="serial")
-    other = Sweep(sweep.designs[:2], sweep.points)
-    assert run_sweep(other, output, on="serial") == SweepRun(0, 2, 1)
+@pytest.mark.parametrize("content", ["precious", None])
+def test_another_sweep_replaces_neither_results_nor_a_journal(sweep: Sweep, output: Path, content: str | None) -> None:
+    if content is None:
+        run_sweep(Sweep(sweep.designs[:2], sweep.points), output, on="serial")
+    else:
+        output.write_text(content)
+    before = output.read_bytes()
+    with pytest.raises(InputFileError, match="has something else than the results of this sweep"):
+        run_sweep(sweep, output, on="serial")
+    assert output.read_bytes() == before
+    output.unlink()
     journal_path(output).write_text('{"format": "phasewire-sweep-journal-1", "fingerprint": "0", "rows": 8}\n')
     with pytest.raises(InputFileError, match="is not of this sweep"):
         run_sweep(sweep, output, on="serial")

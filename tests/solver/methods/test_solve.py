@@ -82,6 +82,20 @@ def test_the_recommended_method_is_even_and_strong(array: TransducerArray, shape
     assert away.max() < 0.3 * best.min()
 
 
+@pytest.mark.parametrize(
+    "frames", [[np.zeros((4, 3)), np.zeros((9, 3))], np.zeros((2, 4, 2)), np.zeros((4, 3))], ids=["more", "flat", "one"]
+)
+def test_frames_of_a_motion_have_the_same_points(array: TransducerArray, frames: Any) -> None:
+    with pytest.raises(ValueError, match=r"\(k, m, 3\)|must have the shape|three"):
+        Solver(array).follow(frames, np.ones(4))
+
+
+def test_a_motion_in_any_order_of_memory_is_the_same(array: TransducerArray) -> None:
+    places = np.random.default_rng(1).uniform([-0.05, -0.05, 0.1], [0.05, 0.05, 0.2], (3, 4, 3))
+    drives = Solver(array).follow(places, np.ones(4))
+    np.testing.assert_array_equal(Solver(array).follow(np.asfortranarray(places), np.ones(4)), drives)
+
+
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_corrections_of_contradicting_points_do_not_end_in_silence(precision: Precision) -> None:
     """One place with four strengths would be most even without any pressure."""
