@@ -95,8 +95,8 @@ PANELS = {
         "tracker": Home("tracker", "List the sources of hands and which can be used, or watch one and check it."),
     },
     "A device": {
-        "info": Home("device", "Show a device's description and its state."),
-        "stop": Home("device", "Turn all outputs of a device off."),
+        "info": Home("device", "Show a device's description and its state, or the devices of a rig as one array."),
+        "stop": Home("device", "Turn all outputs of a device off, or of all devices of a rig that can be reached."),
         "reset": Home("device", "Restart a device as at power-up, and wait until it is back."),
         "identify": Home("device", "Let the light on a board blink for five seconds."),
         "read-back": Home("device", "Read back what the processors play, and show it as the grid of transducers."),
