@@ -34,8 +34,8 @@ class Recipe(NamedTuple):
         Iterations for the phases, and most Gauss–Newton steps.
     output : {"solved", "phase", "limited"}
         The output policy.
-    headroom, tolerance, gradients, flat, kept
-        `methods.options.HEADROOM`, `TOLERANCE`, `GRADIENTS`, `FLAT` and `KEPT`.
+    headroom, tolerance, gradients, flat, kept, alone
+        `methods.options.HEADROOM`, `TOLERANCE`, `GRADIENTS`, `FLAT`, `KEPT` and `ALONE`.
     """
 
     weighed: bool
@@ -48,6 +48,7 @@ class Recipe(NamedTuple):
     gradients: int
     flat: float
     kept: float
+    alone: float
 
 
 @partial(jax.jit, static_argnames="recipe")
@@ -170,6 +171,11 @@ def _corrected(transfer: Array, wanted: Array, counts: Array, drive: Array, reci
     return chosen
 
 
+def _squares(vectors: tuple[Array, ...]) -> tuple[Array, ...]:
+    """The squared norm, (f, 1), of each of some (f, m)."""
+    return tuple(jnp.sum(jnp.abs(each) ** 2, axis=1, keepdims=True) for each in vectors)
+
+
 def _turns(transfer: Array, wanted: Array, drive: Array, against: Array, missing: Array, recipe: Recipe) -> Array:
     """`methods.reference.conjugate_gradients` for the turns (f, n) of drives that make the missing magnitudes.
 
@@ -178,11 +184,13 @@ def _turns(transfer: Array, wanted: Array, drive: Array, against: Array, missing
     """
     direction = wanted / jnp.linalg.norm(wanted, axis=1, keepdims=True)
 
-    def image_of(turns: Array) -> Array:
+    def images_of(turns: Array) -> tuple[Array, Array]:
+        """What turns change: all, and without the common level."""
         waves = against * jnp.einsum("fmn,fn->fm", transfer, drive * turns)
         along = -waves.imag
+        whole = jax.lax.complex(jnp.where(wanted == 0, waves.real, 0), along)
         along -= direction * jnp.sum(direction * along, axis=1, keepdims=True)
-        return jax.lax.complex(jnp.where(wanted == 0, waves.real, 0), along)
+        return whole, jax.lax.complex(whole.real, along)
 
     def improved(number: int, state: tuple[Array, ...]) -> tuple[Array, ...]:
         solution, search, residual, first, before = state
@@ -191,8 +199,9 @@ def _turns(transfer: Array, wanted: Array, drive: Array, against: Array, missing
         first = jnp.where(number == 0, square, first)
         goes_on = (before > 0) & ((number == 0) | (square > recipe.flat**2 * first))
         search = gradient + jnp.where(goes_on & (number > 0), square / before, 0) * search
-        image = image_of(search)
-        length = square / jnp.maximum(jnp.sum(jnp.abs(image) ** 2, axis=1, keepdims=True), TINY)
+        (whole2, image2), image = _squares(images := images_of(search)), images[1]
+        goes_on &= image2 > recipe.alone * whole2
+        length = square / jnp.maximum(image2, TINY)
         length = jnp.where(goes_on, length, 0)
         return solution + length * search, search, residual - length * image, first, jnp.where(goes_on, square, 0)
 

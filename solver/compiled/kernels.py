@@ -46,7 +46,7 @@ SOLVED, PHASE, LIMITED = range(3)
 COLD = 0
 """Place of the cold phases among those that an engine keeps."""
 
-TURNS, GAMMA, MU, HEADROOM, TOLERANCE, FLAT, KEPT, NUDGE, SETTINGS = range(9)
+TURNS, GAMMA, MU, HEADROOM, TOLERANCE, FLAT, KEPT, ALONE, NUDGE, SETTINGS = range(10)
 """Numbers in an update's settings, float32: wave fronts per metre, and those of the method."""
 
 DIRECTIVITY_TERMS = 7
@@ -786,7 +786,7 @@ def differentiate(re: Any, im: Any, v: Any, p: Any, wanted: Any, m: int, slopes:
 
 @_part
 def find_turns(
-    slopes: Any, rows: int, wanted: Any, m: int, iterations: int, flat: Any,
+    slopes: Any, rows: int, wanted: Any, m: int, iterations: int, settings: Any,
     residual: Any, image: Any, search: Any, turn: Any,
 ) -> None:  # fmt: skip
     """Phases ``turn[0]`` for which slopes·turn comes near the residual, but for a part of ``wanted``.
@@ -814,7 +814,7 @@ def find_turns(
             gradient2 += search[1, q] * search[1, q]
         if iteration == 0:
             first = gradient2
-        elif gradient2 <= flat * flat * first:
+        elif gradient2 <= settings[FLAT] * settings[FLAT] * first:
             break
         ratio = gradient2 / before if iteration > 0 else F(0)
         before = gradient2
@@ -827,14 +827,18 @@ def find_turns(
                 a, b = a + load(slopes, i, q) * along, b + load(slopes, i + 1, q) * along
                 c, d = c + load(slopes, i + 2, q) * along, d + load(slopes, i + 3, q) * along
             image[i], image[i + 1], image[i + 2], image[i + 3] = total(a), total(b), total(c), total(d)
-        level = image2 = F(0)
+        level = image2 = whole2 = F(0)
         for i in range(m):
             level += wanted[i] * image[i] / norm
+        for i in range(rows):
+            whole2 += image[i] * image[i]
         for i in range(m):
             image[i] -= level * wanted[i]
         for i in range(rows):
             image2 += image[i] * image[i]
-        length = gradient2 / (image2 + TINY)
+        if image2 <= settings[ALONE] * whole2:
+            break
+        length = gradient2 / image2
         for i in range(rows):
             residual[i] -= length * image[i]
         for q in range(columns):
@@ -879,9 +883,7 @@ def _correct(m: int, settings: Any, gradients: int, steps: int, limit: Any, work
         rows = differentiate(parts.re, parts.im, v, p, wanted, m, parts.slopes)
         for i in range(m, rows):
             residual[i] = F(0)
-        find_turns(
-            parts.slopes, rows, wanted, m, gradients, settings[FLAT], residual, image, spans[SEARCH], spans[TURN]
-        )
+        find_turns(parts.slopes, rows, wanted, m, gradients, settings, residual, image, spans[SEARCH], spans[TURN])
         for q in range(x.shape[1]):
             half = F(0.5) * fit * spans[TURN][0, q]
             scale = F(1) / (F(1) + half * half)

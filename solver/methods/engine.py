@@ -20,7 +20,7 @@ from ..compiled import block_kernels, kernels
 from ..compiled.threads import THREADS
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from .methods import METHODS, Kernels
-from .options import FLAT, GRADIENTS, HEADROOM, KEPT, LEAST_GAIN, NUDGE, TOLERANCE, Options
+from .options import ALONE, FLAT, GRADIENTS, HEADROOM, KEPT, LEAST_GAIN, NUDGE, TOLERANCE, Options
 from .reference import cold_start
 from .reference_engine import drive_each
 
@@ -60,6 +60,7 @@ def settings_of(tables: ArrayTables, options: Options) -> NDArray[np.float32]:
     settings[kernels.TURNS], settings[kernels.GAMMA], settings[kernels.MU] = tables.turns, options.gamma, options.mu
     settings[kernels.HEADROOM], settings[kernels.NUDGE] = HEADROOM, NUDGE
     settings[kernels.TOLERANCE], settings[kernels.FLAT], settings[kernels.KEPT] = TOLERANCE, FLAT, KEPT
+    settings[kernels.ALONE] = ALONE
     return settings
 
 

@@ -7,6 +7,7 @@ from numbers import Integral, Real
 from typing import Literal, get_args
 
 __all__ = [
+    "ALONE",
     "FLAT",
     "GRADIENTS",
     "HEADROOM",
@@ -35,6 +36,9 @@ GRADIENTS = 6
 
 FLAT = 0.05
 """Part of the first gradient at which these end: the next step has other gradients."""
+
+ALONE = 1e-10
+"""Part of the square of what a gradient changes, below which it changes the common level alone, which is free."""
 
 KEPT = 0.5
 """Part of the strength with which ``wgs`` begins that it keeps: contradicting points are most even in near silence."""

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from .options import FLAT, GRADIENTS, HEADROOM, KEPT, LEAST_GAIN, TOLERANCE, Output, Phases
+from .options import ALONE, FLAT, GRADIENTS, HEADROOM, KEPT, LEAST_GAIN, TOLERANCE, Output, Phases
 
 __all__ = [
     "Regularised",
@@ -231,9 +231,11 @@ def conjugate_gradients(matrix: Real, target: Real, proportions: Real) -> Real:
         elif square <= FLAT**2 * first:
             break
         search = gradient + square / before * search
-        image = matrix @ search
-        image = image - (direction @ image) * direction
-        length = square / max(float(image @ image), TINY)
+        whole = matrix @ search
+        image = whole - (direction @ whole) * direction
+        if image @ image <= ALONE * (whole @ whole):
+            break
+        length = square / float(image @ image)
         solution, residual, before = solution + length * search, residual - length * image, square
     return np.asarray(solution)
 

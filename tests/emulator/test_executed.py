@@ -130,6 +130,7 @@ def test_two_runs_are_the_same_to_the_bit() -> None:
     assert list(one.device.emulator.events) == list(other.device.emulator.events)
 
 
+@pytest.mark.slow
 def test_what_is_flashed_is_what_plays(tmp_path: Path) -> None:
     """Firmware whose pulses of width 0 are high for a whole period plays them so once it was flashed."""
     (mutant,) = (each for each in known_mutants() if each.name == "width-0-is-a-whole-period")

@@ -136,7 +136,7 @@ EXECUTED = (
 
 
 @pytest.mark.parametrize(
-    "group", [pytest.param(name, marks=() if name in ("pulses", "sorting") else pytest.mark.slow) for name in EXECUTED]
+    "group", [pytest.param(name, marks=() if name == "sorting" else pytest.mark.slow) for name in EXECUTED]
 )
 def test_no_case_of_a_group_speaks_against_executed_firmware(group: str) -> None:
     """What `emulator:?firmware=xs1` may not judge is only what takes hours: here a second takes seconds."""

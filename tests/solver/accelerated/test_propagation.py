@@ -14,6 +14,8 @@ from phasewire.solver.accelerated import propagation
 from phasewire.solver.acoustics.propagation import transfer_matrix
 from phasewire.solver.acoustics.tables import pressure_at, tables_of
 
+pytestmark = pytest.mark.slow  # XLA compiles for seconds
+
 SEEDS = st.integers(0, 2**32 - 1)
 WIDE = Transducer(radius=0.02)  # of ka 15, whose lobes no short polynomial follows
 MODELS = {model: Transducer(model=model, polarity=-1) for model in ("monopole", "rayleigh", "rayleigh-1", "as-printed")}
@@ -47,7 +49,6 @@ def test_a_field_is_the_double_one(seed: int) -> None:
     compare(Transducer(polarity=-1), True, seed)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("absorbing", [False, True])
 @pytest.mark.parametrize("transducer", [*MODELS.values(), WIDE], ids=[*MODELS, "wide"])
 @given(seed=SEEDS)
@@ -62,7 +63,6 @@ def test_whole_turns_leave_the_wave_as_it_is(turns: float) -> None:
     assert complex(propagation._turned(jax.numpy.float32(turns))) == pytest.approx(exact, abs=2e-6)
 
 
-@pytest.mark.slow
 def test_a_large_field_is_summed_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     array = TransducerArray.grid(4, 4)
     drive, at = np.exp(1j * np.arange(16)), np.random.default_rng(0).uniform(0.05, 0.2, (1000, 3))
@@ -73,7 +73,6 @@ def test_a_large_field_is_summed_in_blocks(monkeypatch: pytest.MonkeyPatch) -> N
     np.testing.assert_allclose(parts, transfer_matrix(array, at) @ drive, atol=1e-4 * np.abs(whole).max())
 
 
-@pytest.mark.slow
 def test_a_block_of_a_field_keeps_each_wave_once_at_most(array: TransducerArray) -> None:
     """As XLA plans it for a processor, for which it does not fuse the sum."""
     tables = tables_of(array, Medium())

@@ -97,6 +97,14 @@ def test_a_motion_in_any_order_of_memory_is_the_same(array: TransducerArray) -> 
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
+def test_two_points_at_one_place_are_one(array: TransducerArray, precision: Precision) -> None:
+    """Nothing but their common level can change."""
+    points = ControlPoints([[0.02, 0.01, 0.2]] * 2, [1, 0.1547])
+    plain, corrected = (solve(array, points, precision=precision, steps=steps).drive for steps in (0, 10))
+    np.testing.assert_allclose(corrected, plain, atol=1e-6)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
 def test_corrections_of_contradicting_points_do_not_end_in_silence(precision: Precision) -> None:
     """One place with four strengths would be most even without any pressure."""
     points, panel = ControlPoints(np.tile([0.01, 0.0, 0.15], (4, 1)), [1, 0.5, 0, 0]), TransducerArray.grid(15, 5)
