@@ -10,6 +10,7 @@ import logging
 import os
 import re
 import signal
+import socket
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -227,7 +228,6 @@ def _deaf_to_ctrl_c() -> Iterator[None]:
 @contextmanager
 def _connected(address: str) -> Iterator[Client]:
     """A client of a scheduler with at least one worker and our versions."""
-    import dask
     from distributed import Client
     from distributed.versions import VersionMismatchWarning
 
@@ -237,8 +237,8 @@ def _connected(address: str) -> Iterator[Client]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", VersionMismatchWarning)  # which are judged here
             try:
-                with dask.config.set({"distributed.comm.timeouts.connect": CONNECT_SECONDS}):
-                    client = Client(address, timeout=CONNECT_SECONDS)
+                _await_first_word(address)
+                client = Client(address, timeout=CONNECT_SECONDS)
             except Exception as error:  # what answers may be no scheduler, and then Dask raises whatever it likes
                 raise ClusterNotFoundError(f"no scheduler of Dask answers at {address}: {error}") from error
         with client:
@@ -252,6 +252,16 @@ def _connected(address: str) -> Iterator[Client]:
             yield client
     finally:
         log.disabled = before
+
+
+def _await_first_word(address: str) -> None:
+    """Raise `OSError` if a server says nothing: a scheduler speaks first, and Dask would wait for it without end."""
+    scheme, _, place = address.partition("://")
+    if scheme == "tcp":  # otherwise the client speaks first
+        host, _, port = place.rpartition(":")
+        with socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECONDS) as line:
+            if not line.recv(1):
+                raise OSError("it closes the line")
 
 
 def _check_versions(address: str, found: Mapping[str, Any]) -> None:

@@ -8,12 +8,13 @@ import os
 import random
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -222,6 +223,34 @@ def test_an_address_at_which_nothing_answers_is_named(
 
 
 @pytest.mark.parametrize(
+    "answer", [b"HTTP/1.1 400 Bad Request\r\n\r\n" * 4, bytes(64), b""], ids=["HTTP", "zeros", "nothing"]
+)
+def test_what_answers_and_is_no_scheduler_is_named(
+    answer: bytes, sweep: Sweep, output: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another server, or one that says nothing."""
+    monkeypatch.setattr(crews, "CONNECT_SECONDS", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        taken = list[socket.socket]()
+
+        def serve() -> None:
+            with suppress(OSError):
+                while True:
+                    taken.append(server.accept()[0])
+                    taken[-1].sendall(answer)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        with pytest.raises(ClusterNotFoundError, match="no scheduler of Dask answers at"):
+            run_sweep(sweep, output, on=address)
+        server.shutdown(socket.SHUT_RDWR)
+    thread.join()
+    for each in taken:
+        each.close()
+
+
+@pytest.mark.parametrize(
     ("who", "package", "theirs", "says"),
     [
         ("scheduler", "distributed", "2024.1.0", "the scheduler at tcp://a:1 has distributed 2024.1.0, but here it is"),
@@ -232,10 +261,12 @@ def test_an_address_at_which_nothing_answers_is_named(
     ],
 )
 def test_other_versions_are_said_plainly(who: str, package: str, theirs: str | None, says: str | None) -> None:
-    ours = {name: version(name) for name in (*crews.PACKAGES, *crews.DASK_PACKAGES) if name != "python"}
+    ours: dict[str, str | None] = {
+        name: version(name) for name in (*crews.PACKAGES, *crews.DASK_PACKAGES) if name != "python"
+    }
     ours["python"] = sys.version
     each = {name: {"packages": dict(ours)} for name in ("client", "scheduler", "worker")}
-    each["worker" if who == "workers" else who]["packages"][package] = theirs  # type: ignore[assignment]
+    each["worker" if who == "workers" else who]["packages"][package] = theirs
     found = {"client": each["client"], "scheduler": each["scheduler"], "workers": {"tcp://a:2": each["worker"]}}
     if says is None:
         crews._check_versions("tcp://a:1", found)
@@ -305,12 +336,12 @@ def test_a_scheduler_that_is_lost_ends_the_sweep_and_keeps_its_rows(
 ) -> None:
     command = [sys.executable, "-m", "distributed.cli.dask_spec", "--spec"]
     scheduler = {"cls": "distributed.Scheduler", "opts": {"host": "127.0.0.1", "port": 0, "dashboard": False}}
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen([*command, json.dumps(scheduler)], **quiet) as process:  # type: ignore[call-overload]
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([*command, json.dumps(scheduler)], **quiet) as process:
         try:
-            address = next(found[0] for line in process.stderr if (found := re.search(r"tcp://[\d.]+:\d+", line)))
+            address = next(found[0] for line in process.stderr or () if (found := re.search(r"tcp://[\d.]+:\d+", line)))
             worker = {"cls": "distributed.Worker", "opts": {"nthreads": 2, "dashboard": False}}
-            with subprocess.Popen([*command, json.dumps(worker), address], **quiet) as helper:  # type: ignore[call-overload]
+            with subprocess.Popen([*command, json.dumps(worker), address], **quiet) as helper:
                 try:
                     with pytest.raises(ClusterError, match="the cluster is lost"):
                         run_sweep(sweep, output, on=address, on_row=lambda done, total: process.kill())
