@@ -98,6 +98,26 @@ def test_a_folder_and_a_device_are_refused(tmp_path: Path) -> None:
         Journal(tmp_path / "j", "abc", ROWS)
 
 
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        "{bad",
+        "[2, [1.5, 1.0, 0.1, null, true, 40.0], null]",
+        "[2, [1.5, 1.0, 0.1, null, 1000000000000000000000, 40.0], null]",
+        "[2, [1.5, NaN, 0.1, null, 3, 40.0], null]",
+        '[2, null, "\\ud800"]',
+    ],
+)
+def test_a_damaged_row_is_measured_again_and_the_others_stay(damaged: str, tmp_path: Path) -> None:
+    with Journal(tmp_path / "j", "abc", ROWS) as journal:
+        for row in range(4):
+            journal.add(row, RowResult(None, "why"))
+    lines = (tmp_path / "j").read_text().splitlines(keepends=True)
+    (tmp_path / "j").write_text("".join([*lines[:3], damaged + "\n", *lines[4:]]))
+    with Journal(tmp_path / "j", "abc", ROWS) as journal:
+        assert list(journal.done) == [0, 1, 3]
+
+
 def test_it_is_named_after_its_output_and_can_be_read_by_people(tmp_path: Path) -> None:
     path = journal_path(tmp_path / "r.parquet")
     assert path == tmp_path / "r.parquet.unfinished"

@@ -80,6 +80,7 @@ def test_columns_are_found_by_their_names(tmp_path: Path) -> None:
         ("a.toml", '[[panel]]\nfile = "no.csv"\n', "a.toml, panel 1: file 'no.csv' cannot be read: No such file"),
         ("a.toml", '[[panel]]\nfile = "a.toml"\n', r"it must be the name of a \.csv file"),
         ("a.toml", '[transducer]\nname = "X"\n' + GRID, "unknown transducer 'X'; known are MA40S4S"),
+        ("a.toml", "[transducer]\nname = [1]\n" + GRID, r"unknown transducer \[1\]; known are MA40S4S"),
         ("a.toml", '[transducer]\nradius = "X"\n' + GRID, "transducer radius is 'X'; it must be a number"),
         ("a.toml", "[transducer]\nradius = -1\n" + GRID, "transducer radius -1 m must be positive"),
     ],

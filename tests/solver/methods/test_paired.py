@@ -70,6 +70,18 @@ def test_a_point_begins_with_the_phase_that_its_identity_ended_with(precision: P
     assert phases(named=False).max() > 1
 
 
+def test_a_refused_frame_leaves_both_halves_as_they_were() -> None:
+    array, ids = TransducerArray.grid(8, 8), np.arange(6)
+    places = np.random.default_rng(2).uniform([-0.04, -0.04, 0.1], [0.04, 0.04, 0.2], (6, 3))
+    plain, refused = TwoSidedSolver(array), TwoSidedSolver(array)
+    for solver in (plain, refused):
+        solver.solve(places, ids)
+    with pytest.raises(ValueError, match="on the array or behind it"):
+        refused.solve(places * [1, 1, -1], ids)
+    after = [solver.solve(places + 1e-3, ids).drives.tobytes() for solver in (plain, refused)]
+    assert after[0] == after[1]
+
+
 def test_identities_must_be_as_many_as_the_points() -> None:
     for solver in (Solver(ARRAY), TwoSidedSolver(ARRAY)):
         with pytest.raises(ValueError, match=r"ids have the shape \(2,\), but there are 1 control points"):

@@ -17,6 +17,7 @@ from phasewire.solver.shapes.points import check_reachable, reachable
         ([[0, 0, 0.2]], [np.nan], "amplitude nan of control point 0"),
         ([[0, 0, 0.2]], [1, 1], r"amplitudes have the shape \(2,\), but there are 1 control points"),
         ([[0, 0, 0.2]], [0], "every control point has amplitude 0"),
+        ([[0, 0, 0.2]] * 2, [1e-310, 0], "the largest amplitude is 1e-310; it must be at least 1e-300"),
         ([], None, "m of at least 1"),
         ([[0, 0]], None, r"shape \(m, 3\)"),
     ],
