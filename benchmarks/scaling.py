@@ -249,9 +249,8 @@ def _crossing(rows: list[dict[str, Any]]) -> tuple[float, float] | None:
     for one, other, low, high in zip(timed, timed[1:], gains, gains[1:], strict=False):
         if low < 0 <= high:
             at = -low / (high - low)
-            return tuple(
-                math.exp((1 - at) * math.log(one[key]) + at * math.log(other[key])) for key in ("samples", "fft")
-            )  # type: ignore[return-value]
+            samples, seconds = (one[key] ** (1 - at) * other[key] ** at for key in ("samples", "fft"))
+            return samples, seconds
     return None
 
 

@@ -149,18 +149,15 @@ def array_of(device: AnyDevice, own: TransducerArray | None = None) -> Transduce
 
 def check_fit(name: str, source: Source, device: AnyDevice) -> None:
     """Raise `ValueError` if frames of a source of this name are for another number of transducers than a device has."""
+    there = device.channels
+    if source.channels in (None, there):
+        return
     if isinstance(device, DeviceGroup):
-        there, has = len(device.array), f"the rig's {len(device)} devices have"
-        layout = ""
+        has = f"the rig's {len(device)} devices have {there}"
     else:
         what = device.info
-        there, has = what.channels, "the device has"
-        layout = f" ({what.columns} × {what.rows}, {what.pitch * 1e3:g} mm apart)"
-    if source.channels not in (None, there):
-        raise ValueError(
-            f"{name} is for {source.channels} transducers, but {has} {there}{layout}; solve it again for an array of "
-            f"{there}"
-        )
+        has = f"the device has {there} ({what.columns} × {what.rows}, {what.pitch * 1e3:g} mm apart)"
+    raise ValueError(f"{name} is for {source.channels} transducers, but {has}; solve it again for an array of {there}")
 
 
 def warn_of_differences(name: str, array: TransducerArray | None, medium: Medium | None, device: AnyDevice) -> None:
@@ -240,7 +237,7 @@ def show(
     with open_any(device, calibration) as opened:
         check_fit(str(file), source, opened)
         warn_of_differences(str(file), source.array, source.medium, opened)
-        still = to_pulses(source.still, opened.calibration, len(array_of(opened)))  # pulses are not compared
+        still = to_pulses(source.still, opened.calibration, opened.channels)  # pulses are not compared
         ack = opened.show(still)
         message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
         error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"))
@@ -414,8 +411,7 @@ def play(
         stack.enter_context(leaving_on(opened) if unattended else opened)
         transducers = array_of(opened, own)
         way = f"{SQUARE},frequency={modulation}" if render is None else render
-        slots = opened.slots if isinstance(opened, DeviceGroup) else opened.info.slots
-        cycle = rendered(transducers, way, method, outline, slots)
+        cycle = rendered(transducers, way, method, outline, opened.slots)
         watch = stack.enter_context(watching(opened, transducers, emulator, wanted=view))
         limit = limiter(transducers, max_exposure, listeners)
         ack, steps, gain = play_cycle(opened, cycle, unattended=unattended, limit=limit)

@@ -136,6 +136,16 @@ class AsyncDevice:
         return self.device.stops
 
     @property
+    def channels(self) -> int:
+        """How many transducers it has."""
+        return self.device.channels
+
+    @property
+    def slots(self) -> int:
+        """How many frames it can store."""
+        return self.device.slots
+
+    @property
     def most_updates_per_second(self) -> float:
         """How many frames the device and the line to it can take."""
         return self.device.most_updates_per_second

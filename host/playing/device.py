@@ -127,10 +127,8 @@ class Device:
         self._drive_limit: int | None = None
         self._envelope: tuple[bytes, int] | None = None
         self._compared: TransducerArray | None = None
-        if calibration is not None and len(calibration) != self.info.channels:
-            raise ValueError(
-                f"the calibration is for {len(calibration)} transducers, the device has {self.info.channels}"
-            )
+        if calibration is not None and len(calibration) != self.channels:
+            raise ValueError(f"the calibration is for {len(calibration)} transducers, the device has {self.channels}")
         self.calibration = calibration
         if not observe:
             self._session.begin()
@@ -157,6 +155,16 @@ class Device:
     def stops(self) -> int:
         """How often its outputs were turned off by `stop`, `reset` or the end of ``with``, in any thread."""
         return self._stops
+
+    @property
+    def channels(self) -> int:
+        """How many transducers it has."""
+        return self.info.channels
+
+    @property
+    def slots(self) -> int:
+        """How many frames it can store."""
+        return self.info.slots
 
     @property
     def most_updates_per_second(self) -> float:
@@ -334,7 +342,7 @@ class Device:
         return self._play(Update(self._pulses(frame), period))
 
     def _pulses(self, frame: Frame) -> Pulses:
-        pulses = to_pulses(frame, self.calibration, self.info.channels)
+        pulses = to_pulses(frame, self.calibration, self.channels)
         if isinstance(frame, Solution) and frame.array is not self._compared:  # once for all of a live solver
             self._compared = frame.array
             for difference in differences(frame.array, frame.medium, self.info):
@@ -498,7 +506,7 @@ class Device:
             If the line or the device fails. After any error the outputs are off, or will be after the watchdog's time
             if the device cannot be reached.
         """
-        frames, lane = frame_source(source, self.calibration, self.info.channels), lane_of(self, envelope)
+        frames, lane = frame_source(source, self.calibration, self.channels), lane_of(self, envelope)
         if reconnect:
             lane.restore = partial(self._come_back, lane.permit)
         stream = Stream([lane], frames, rate, look_ahead=look_ahead)

@@ -151,6 +151,11 @@ class DeviceGroup:
         return f"rig of {len(self)} devices ({', '.join(device.serial or device.name for device in self.devices)})"
 
     @property
+    def channels(self) -> int:
+        """How many transducers they have together."""
+        return len(self.array)
+
+    @property
     def slots(self) -> int:
         """How many frames each can store."""
         return min(device.info.slots for device in self.devices)
@@ -288,7 +293,7 @@ class DeviceGroup:
         StreamReport
             The worst of each device, and how far apart their clocks may be.
         """
-        frames = frame_source(source, self.calibration, len(self.array))
+        frames = frame_source(source, self.calibration, self.channels)
         lanes = [lane_of(device) for device in self.devices]
         for lane, member, part in zip(lanes, self.members, self._cuts(), strict=True):
             lane.name, lane.part = member.name, part
@@ -330,7 +335,7 @@ class DeviceGroup:
             self._compared = frame.array
             for difference in differences(frame.array, frame.medium, self.devices[0].info, self.array):
                 warn(f"the solution was made for something else: {difference}", stacklevel=3)
-        pulses = to_pulses(frame, self.calibration, len(self.array))
+        pulses = to_pulses(frame, self.calibration, self.channels)
         frames = PulseFrames(pulses.phase[None], pulses.width[None])
         return [cut(frames).pulses(0) for cut in self._cuts()]
 

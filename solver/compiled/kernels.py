@@ -395,6 +395,13 @@ def _inverse_pivot(pivot: Any, k: int, m: int, mu: Any, mean: Any) -> Any:
 
 
 @_part
+def _store(re: Any, im: Any, row: int, column: int, a: Any, b: Any) -> None:
+    """Write a complex vector into two real matrices."""
+    store(re, row, column, a)
+    store(im, row, column, b)
+
+
+@_part
 def factorise(
     gram_re: Any, gram_im: Any, m: int, rows: int, mu: Any, lower_re: Any, lower_im: Any, inverse: Any
 ) -> None:
@@ -420,14 +427,10 @@ def factorise(
                 r1, i1 = _less(r1, i1, a, b, lower_re[k, j + 1], lower_im[k, j + 1])
                 r2, i2 = _less(r2, i2, a, b, lower_re[k, j + 2], lower_im[k, j + 2])
                 r3, i3 = _less(r3, i3, a, b, lower_re[k, j + 3], lower_im[k, j + 3])
-            store(lower_re, j, i, r0)
-            store(lower_im, j, i, i0)
-            store(lower_re, j + 1, i, r1)
-            store(lower_im, j + 1, i, i1)
-            store(lower_re, j + 2, i, r2)
-            store(lower_im, j + 2, i, i2)
-            store(lower_re, j + 3, i, r3)
-            store(lower_im, j + 3, i, i3)
+            _store(lower_re, lower_im, j, i, r0, i0)
+            _store(lower_re, lower_im, j + 1, i, r1, i1)
+            _store(lower_re, lower_im, j + 2, i, r2, i2)
+            _store(lower_re, lower_im, j + 3, i, r3, i3)
         n0 = _inverse_pivot(lower_re[j, j], j, m, mu, mean)
         a1, b1 = lower_re[j, j + 1] * n0, lower_im[j, j + 1] * n0
         a2, b2 = lower_re[j, j + 2] * n0, lower_im[j, j + 2] * n0
@@ -454,14 +457,10 @@ def factorise(
             r3, i3 = _less(load(lower_re, j + 3, i), load(lower_im, j + 3, i), r0, i0, a3, b3)
             r3, i3 = _less(r3, i3, r1, i1, c3, d3)
             r3, i3 = _less(r3, i3, r2, i2, e3, f3)
-            store(lower_re, j, i, r0)
-            store(lower_im, j, i, i0)
-            store(lower_re, j + 1, i, r1)
-            store(lower_im, j + 1, i, i1)
-            store(lower_re, j + 2, i, r2)
-            store(lower_im, j + 2, i, i2)
-            store(lower_re, j + 3, i, r3 * n3)
-            store(lower_im, j + 3, i, i3 * n3)
+            _store(lower_re, lower_im, j, i, r0, i0)
+            _store(lower_re, lower_im, j + 1, i, r1, i1)
+            _store(lower_re, lower_im, j + 2, i, r2, i2)
+            _store(lower_re, lower_im, j + 3, i, r3 * n3, i3 * n3)
     for i in range(rows):
         for k in range(i):
             lower_re[i, k], lower_im[i, k] = lower_re[k, i], lower_im[k, i]

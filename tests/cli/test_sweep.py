@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phasewire.hil.sweep import crews
+from phasewire.hil.sweep.design import Design
 from phasewire.hil.sweep.measures import Measures
 from phasewire.hil.sweep.results import read_results
 
@@ -19,8 +20,8 @@ from tests.cli.runner import Run
 def sweep(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> Run:
     """The command with a quick measure, in a folder with a file of nine rows of which three have no measures."""
 
-    def quick(design: object, points: object) -> Measures:
-        columns, pitch = design.columns, design.pitch_mm  # type: ignore[attr-defined]
+    def quick(design: Design, points: object) -> Measures:
+        columns, pitch = design.columns, design.pitch_mm
         if pitch == 12:
             raise ValueError("too wide")
         return Measures(100.0 * columns, 90.0, 0.01 * pitch, None, 0, 40.0 + columns)
@@ -67,8 +68,8 @@ def test_a_whole_sweep_is_reported_again_without_measuring(sweep: Run, monkeypat
 
 
 def test_an_interrupted_sweep_says_how_to_go_on(sweep: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(design: object, points: object) -> Measures:
-        if design.columns == 20:  # type: ignore[attr-defined]
+    def interrupted(design: Design, points: object) -> Measures:
+        if design.columns == 20:
             raise KeyboardInterrupt
         return Measures(1.0, 1.0, 0.1, None, 0, 40.0)
 

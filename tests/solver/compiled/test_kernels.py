@@ -116,9 +116,10 @@ def test_a_correction_is_the_double_one(output: str, seed: int, m: int) -> None:
     lattice = np.stack(np.meshgrid(*[np.arange(-5, 6) * 0.012] * 2, [0.15, 0.2, 0.25]), axis=-1).reshape(-1, 3)
     amplitudes = rng.uniform(0.1, 1, m) * (rng.random(m) > 0.2)
     amplitudes[0] = 1
-    points, options = ControlPoints(rng.permutation(lattice)[:m], amplitudes), {"phase_steps": 0, "steps": 1}
-    array = TransducerArray.grid()
-    single, double = (solve(array, points, precision=p, output=output, **options).drive for p in ("single", "double"))  # type: ignore[arg-type]
+    array, points = TransducerArray.grid(), ControlPoints(rng.permutation(lattice)[:m], amplitudes)
+    single, double = (
+        solve(array, points, precision=p, output=output, phase_steps=0, steps=1).drive for p in ("single", "double")
+    )
     plain = solve(array, points, "tikhonov", precision="double", output=output, phase_steps=0).drive
     turned, expected = np.angle(single * plain.conj()), np.angle(double * plain.conj())
     counts = np.abs(plain) > 0.1
