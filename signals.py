@@ -10,6 +10,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import monotonic
 from types import FrameType
 from typing import Any
 
@@ -18,6 +19,8 @@ __all__ = ["SIGNALLED", "loading", "postponing", "unwinding"]
 SIGNALLED = 128
 """An exit code is this plus the signal's number, as in shells: 130 is Ctrl-C."""
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
+DEAF_SECONDS = 3.0
+"""After a signal others are ignored for this time: more than it takes to turn the outputs off."""
 AGAIN_SECONDS = 0.01
 """A signal that was lost in a callback is repeated after this time, when the callback has ended."""
 Handler = Callable[[int, FrameType | None], None]
@@ -37,9 +40,9 @@ def loading() -> Iterator[None]:
 def unwinding(*, last: bool) -> Iterator[None]:
     """Let Ctrl-C, SIGTERM and a closed terminal unwind the program, so that it leaves a device silent.
 
-    Only the first signal does so: later ones find it turning outputs off, which must not be interrupted and ends in
-    bounded time. An exception in a callback of the interpreter, such as ``__del__``, is lost: then the signal is
-    repeated. Signals that were ignored when the program began, as under nohup, stay ignored.
+    Signals soon after the first are ignored: they find it turning outputs off, which must not be interrupted. Later
+    ones count, since an exception may be lost: in a callback of the interpreter, such as ``__del__``, after which the
+    signal is repeated, or in a library. Signals that were ignored when the program began, as under nohup, stay ignored.
 
     Parameters
     ----------
@@ -47,18 +50,19 @@ def unwinding(*, last: bool) -> Iterator[None]:
         Whether the program ends after this, so that no signal can interrupt anything more.
     """
     heard: int | None = None
+    deaf_until = 0.0
 
     def unwind(number: int, _frame: FrameType | None) -> None:
-        nonlocal heard
-        if heard is not None:
+        nonlocal heard, deaf_until
+        if monotonic() < deaf_until:
             return
-        heard = number
+        heard, deaf_until = number, monotonic() + DEAF_SECONDS
         if number == signal.SIGINT:
             raise KeyboardInterrupt
         sys.exit(SIGNALLED + number)
 
     def lose(unraisable: Any) -> None:
-        nonlocal heard
+        nonlocal deaf_until
         if heard is None or not issubclass(unraisable.exc_type, (KeyboardInterrupt, SystemExit)):
             before(unraisable)
             return
@@ -67,7 +71,7 @@ def unwinding(*, last: bool) -> Iterator[None]:
         main = threading.main_thread().ident
         again = threading.Timer(AGAIN_SECONDS, signal.pthread_kill, (main, heard))
         again.daemon = True
-        heard = None
+        deaf_until = 0.0
         again.start()
 
     before, sys.unraisablehook = sys.unraisablehook, lose

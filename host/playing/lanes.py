@@ -34,6 +34,8 @@ readings, 2 s, cannot time frames. A device that is only delayed catches up soon
 LANE_COUNTS = ("sent", "accepted", "late", "damaged", "refused", "unanswered", "missed_commits")
 NEVER = 2**63
 NO_FAULTS = Fault(0)
+# Plain numbers, for arrays: NumPy asks a member of an enum for attributes, and a Ctrl-C that comes meanwhile is lost.
+ACCEPTED, LATE = int(Reason.ACCEPTED), int(AckFlag.LATE)
 DAMAGED = [int(reason) for reason in DAMAGE]
 TURN_PERIODS = 200
 """5 ms, for which a transfer may wait for room in the queue: others wait for their turn meanwhile."""
@@ -197,11 +199,11 @@ class Lane:
             return
         count = self.counts
         count["unanswered"] -= len(acks)
-        accepted = acks[acks["reason"] == Reason.ACCEPTED]
+        accepted = acks[acks["reason"] == ACCEPTED]
         if len(accepted):
             begins = accepted["commit_period"]
             count["accepted"] += len(accepted)
-            count["late"] += int(np.count_nonzero(accepted["flags"] & AckFlag.LATE))
+            count["late"] += int(np.count_nonzero(accepted["flags"] & LATE))
             self.first = self.first or int(begins[0])
             self.last = int(begins[-1])
             self.least = min(self.least, int((begins - accepted["now"] // TICKS_PER_PERIOD).min()))

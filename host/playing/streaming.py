@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 
 from ...errors import DeviceError, DeviceLostError, DeviceStalledError, DeviceTimeoutError
 from ...protocol.board import CARRIER_HZ
-from ...protocol.codes import AckFlag, Fault, Reason
+from ...protocol.codes import Fault
 from ...protocol.quantise import PulseFrames
 from ...protocol.replies import Ack
 from .common_clock import CommonClock, common_time
 from .frames import FrameSource, check_rate
-from .lanes import DAMAGED, LANE_COUNTS, NEVER, NO_FAULTS, POSTED_PERIODS, Lane, naming
+from .lanes import ACCEPTED, DAMAGED, LANE_COUNTS, LATE, NEVER, NO_FAULTS, POSTED_PERIODS, Lane, naming
 from .session import Session
 
 __all__ = ["FIRST_READINGS", "LOOK_AHEAD_SECONDS", "Stream", "StreamReport", "most_blocks_per_second"]
@@ -413,7 +413,7 @@ class Stream:
         ever. A delay may come again, so frames go earlier from now on.
         """
         behind = int(ack["commit_period"]) - lane.offset - self._due(index)
-        if lane.posts and ack["flags"] & AckFlag.LATE and behind > 0:
+        if lane.posts and ack["flags"] & LATE and behind > 0:
             self._start += (moved := behind + lane.session.info.queue_blocks)
             self._counts["underruns"] += 1
             self._counts["moved_periods"] += moved
@@ -424,7 +424,7 @@ class Stream:
 
 def _refused(acks: NDArray[np.void]) -> Ack | None:
     """The first acknowledgement of a frame that was refused for its contents."""
-    for row in acks[acks["reason"] != Reason.ACCEPTED]:
+    for row in acks[acks["reason"] != ACCEPTED]:
         if int(row["reason"]) not in DAMAGED:
             return Ack.of(row)
     return None

@@ -329,6 +329,24 @@ def test_the_first_signal_unwinds_and_later_ones_are_ignored(name: str, raised: 
         assert error.value.code == 128 + number
 
 
+def test_a_signal_counts_again_if_the_first_was_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """NumPy drops an exception of an attribute that it asks for, with no word."""
+
+    class Pressed(type):
+        def __getattr__(cls, name: str) -> object:
+            signal.raise_signal(signal.SIGINT)
+            raise AttributeError(name)
+
+    class Operand(metaclass=Pressed):
+        pass
+
+    monkeypatch.setattr("phasewire.signals.DEAF_SECONDS", 0)
+    with unwinding(last=False):
+        _ = np.zeros(2) == Operand()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_lost_in_a_callback_is_raised_again(number: int) -> None:
     """An exception in ``__del__`` goes no further."""
