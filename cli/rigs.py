@@ -15,7 +15,7 @@ from .console import console_for, error_console, write_json
 
 __all__ = ["show_rig"]
 
-COLUMNS = ("device", "url", "serial number", "transducers", "centre, mm", "looks to", "periods ahead", "problem")
+COLUMNS = ("device", "url", "serial", "transducers", "centre, mm", "looks to", "periods ahead")
 
 
 def show_rig(path: Path, json_target: str | None) -> None:
@@ -27,13 +27,16 @@ def show_rig(path: Path, json_target: str | None) -> None:
     out = console_for(json_target)
     table = Table()
     for column in COLUMNS:
-        table.add_column(column, overflow="fold")
+        table.add_column(column, overflow="fold", min_width=max(map(len, column.split())))
     for each in devices:
         ahead = "" if each.periods_ahead is None else str(each.periods_ahead)
         centre, looks = _triple([1e3 * length for length in each.centre], 1), _triple(each.direction, 2)
-        row = (each.name, each.url, each.serial, str(each.transducers), centre, looks, ahead, each.problem or "")
-        table.add_row(*row)
+        table.add_row(each.name, each.url, each.serial, str(each.transducers), centre, looks, ahead)
     out.print(table)
+    for each in devices:
+        problem = f"{each.name}: {each.problem}"
+        if each.problem and problem != str(error):  # which comes last
+            out.print(problem)
     if common is not None:
         for said in odd:
             if str(common) not in str(said.message):  # which comes below
@@ -55,4 +58,4 @@ def show_rig(path: Path, json_target: str | None) -> None:
 
 
 def _triple(values: Sequence[float], digits: int) -> str:
-    return " ".join(f"{round(value, digits) + 0.0:.{digits}f}" for value in values)  # without -0.0
+    return " ".join(f"{round(value, digits) + 0.0:g}" for value in values)  # without -0.0
