@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,11 @@ settings.register_profile("phasewire", deadline=None, max_examples=50)
 # A gate gives the same code the same verdict; run by hand, the tests draw fresh examples each time.
 settings.register_profile("gate", settings.get_profile("phasewire"), derandomize=True)
 settings.load_profile("gate" if os.environ.get("CI") else "phasewire")
+
+# A shell ignores Ctrl-C in its background, and nohup a closed terminal; programs that tests start would inherit that.
+for number in (signal.SIGINT, signal.SIGHUP):
+    if signal.getsignal(number) == signal.SIG_IGN:
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -127,11 +127,6 @@ def environment(**more: str) -> dict[str, str]:
     return own | {MARK: uuid.uuid4().hex, "COLUMNS": "100"} | more
 
 
-def heed_ctrl_c() -> None:
-    """Undo an inherited SIG_IGN, as under nohup."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
 def left_running(marked: Mapping[str, str]) -> list[str]:
     """The command lines of processes that have inherited a mark, detached ones too."""
     entry = f"{MARK}={marked[MARK]}".encode()
@@ -246,11 +241,9 @@ def in_terminal(folder: Path, line: str, **more: str) -> Iterator[tuple[subproce
     termios.tcsetattr(theirs, termios.TCSANOW, mode)
     marked = environment(TERM="xterm-256color", **more)
 
-    def begin() -> None:
-        heed_ctrl_c()
-        os.login_tty(theirs)
-
-    process = subprocess.Popen([*COMMAND, *line.split()], cwd=folder, env=marked, preexec_fn=begin, pass_fds=[theirs])
+    process = subprocess.Popen(
+        [*COMMAND, *line.split()], cwd=folder, env=marked, preexec_fn=lambda: os.login_tty(theirs), pass_fds=[theirs]
+    )
     os.close(theirs)
     try:
         yield process, ours
@@ -356,7 +349,6 @@ def test_a_signal_during_loading_ends_the_program_quietly(folder: Path, line: st
             env=environment(),
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            preexec_fn=heed_ctrl_c,
         ) as process:
             assert process.stdout
             assert process.stdout.readline() == b"begun\n"

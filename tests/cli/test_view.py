@@ -34,7 +34,6 @@ def viewing(*arguments: str, folder: Path | None = None) -> Iterator[tuple[subpr
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     try:
         assert process.stderr is not None

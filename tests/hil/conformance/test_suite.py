@@ -28,7 +28,6 @@ from phasewire.protocol.firmware import Image, Segment, sign
 from phasewire.protocol.versions import Version
 from phasewire.protocol.wiring import Wiring
 
-from tests.cli.test_processes import heed_ctrl_c
 from tests.emulator.test_umockdev import needs
 from tests.host.serving import served_url
 
@@ -272,9 +271,7 @@ def test_ctrl_c_ends_a_run_and_leaves_the_device_off_and_all_reports(tmp_path: P
     reports = [f"--json={tmp_path / 'run.json'}", f"--html={tmp_path / 'run.html'}", f"--junit={tmp_path / 'run.xml'}"]
     with served_url("serial") as (url, emulator):
         command = [sys.executable, "-m", "phasewire", "conformance", "--device", url, "--only", LONG, *reports]
-        with subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=heed_ctrl_c
-        ) as process:
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
             await_playing(emulator)
             process.send_signal(signal.SIGINT)
             told, _ = process.communicate(timeout=60)
