@@ -85,6 +85,7 @@ def test_the_python_of_the_documents_runs(
         exec(compile(example, name, "exec"), {})
 
 
+@pytest.mark.slow
 def test_the_commands_of_the_first_steps_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)

@@ -119,6 +119,7 @@ def test_options_take_effect(touch: Run, options: tuple[str, ...]) -> None:
 WAYS = ["two-sided", "am", "lm", "stm", "auto", "stm:speed=3,modulation=150"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_each_way_of_rendering_is_played_recorded_and_drawn(touch: Run, way: str) -> None:
     outcome = touch(

@@ -417,6 +417,7 @@ def test_a_device_whose_server_refuses_for_a_while_is_waited_for(served: Served,
     bus.close()
 
 
+@pytest.mark.slow
 def test_firmware_is_flashed_listed_and_taken_back(tmp_path: Path) -> None:
     (tmp_path / "new.dfu").write_bytes(FILE)
     with Served(pty=True, pace=Pace.WALL) as served:

@@ -168,6 +168,7 @@ def test_it_plays_again_after_a_stop(stage: tuple[Session, Page]) -> None:
     page.until(sounding)
 
 
+@pytest.mark.slow
 def test_a_stop_that_is_taken_back_at_once_is_no_refusal(stage: tuple[Session, Page]) -> None:
     _, page = stage
     for _ in range(5):

@@ -89,6 +89,7 @@ HELD_UP = (
 """Cases that have failed, or were never judged, in a guest without KVM."""
 
 
+@pytest.mark.slow
 def test_a_line_that_holds_up_one_transfer_or_another_fails_no_case(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each takes some milliseconds more, as through a virtual machine, and one in twenty a tenth of a second."""
     drawn = random.Random(1)

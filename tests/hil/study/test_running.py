@@ -24,6 +24,7 @@ def test_every_person_explores_every_shape_on_paths_of_its_own() -> None:
     assert all(trial.shape == trial.mesh for trial in trials)
 
 
+@pytest.mark.slow
 def test_a_trial_repeats_itself_and_feels_what_is_there() -> None:
     trial = Trial("cube", "cube", person=1, number=0)
     first, again = (run_trial(trial, seed=3, seconds=SHORT) for _ in range(2))

@@ -127,7 +127,9 @@ class Watched:
         monkeypatch.setattr(Device, "play", begun)
 
 
-@pytest.mark.parametrize("line", ["", "?door=serial&baud=3000000", "?door=serial&baud=921600"])
+@pytest.mark.parametrize(
+    "line", ["", *(pytest.param(f"?door=serial&baud={baud}", marks=pytest.mark.slow) for baud in (3000000, 921600))]
+)
 @pytest.mark.parametrize("render", ["two-sided", "am", "lm", "stm", "am:envelope=square", "stm:speed=1"])
 def test_in_each_way_the_frames_are_emitted_in_turn_and_the_cycle_keeps_its_phase_from_pose_to_pose(
     render: str, line: str, monkeypatch: pytest.MonkeyPatch
