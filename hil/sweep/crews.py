@@ -31,7 +31,7 @@ from .measures import measure
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["CREWS", "Crew", "Task", "check_crew", "open_crew"]
+__all__ = ["CREWS", "LIBRARIES", "Crew", "Task", "check_crew", "open_crew"]
 
 SERIAL, THREADS, PROCESSES = CREWS = ("serial", "threads", "processes")
 ADDRESS = re.compile(r"(tcp|tls)://[^/\s]+:\d+")
@@ -50,8 +50,10 @@ ENVIRONMENT = dict.fromkeys(
 }
 """Of our processes. Dask's own would return memory to the system at once, and the next row needs as much: that costs a
 tenth of the time, in page faults."""
-PACKAGES = ("python", "phasewire", "numpy", "scipy", "numba")
-"""What must be the same at every worker: the results depend on it."""
+LIBRARIES = ("phasewire", "numpy", "scipy", "numba")
+"""The results depend on their versions."""
+PACKAGES = ("python", *LIBRARIES)
+"""What must be the same at every worker."""
 DASK_PACKAGES = ("dask", "distributed")
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ...errors import InputFileError
 from ...extras import needing
 from ...storage import FilePath, check_outputs
-from .crews import PROCESSES, Crew, Task, check_crew, open_crew
+from .crews import LIBRARIES, PROCESSES, Crew, Task, check_crew, open_crew
 from .files import Sweep
 from .journal import Journal, journal_path
 from .results import read_results, write_results
@@ -78,7 +78,7 @@ def run_sweep(
     check_outputs([output])
     with needing("scale", "a sweep"):
         import pyarrow.parquet  # noqa: F401  # before the work, which takes long
-    versions = " ".join(f"{name} {version(name)}" for name in ("phasewire", "numpy", "scipy", "numba"))
+    versions = " ".join(f"{name} {version(name)}" for name in LIBRARIES)
     fingerprint, path = sweep.fingerprint(versions), journal_path(Path(output))
     if Path(output).exists():
         if not _holds(output, fingerprint):

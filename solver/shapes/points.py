@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 __all__ = ["MAX_POINTS", "REACH", "ControlPoints", "check_reachable", "reachable"]
 
 MAX_POINTS = 4096
+"""Most control points that are solved for at once: far more than an array can serve, few enough for the memory."""
+
 LEAST_AMPLITUDE = 1e-300
 """Of the strongest point: the inverse of a smaller one may be infinite."""
-"""Most control points that are solved for at once: far more than an array can serve, few enough for the memory."""
 
 REACH = 2.0
 """Distance in metres beyond which a control point is taken for a mistake, such as millimetres given as metres. The
