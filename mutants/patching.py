@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 from ..hil.conformance.clauses import resolve
@@ -114,6 +115,7 @@ def mutant(
     wraps: tuple[Any, str] | None = None,
     by: Callable[[Patch, Any], None] | None = None,
     also: Callable[[Patch], None] | None = None,
+    each: Mapping[str, str] | None = None,
     url: str = EMULATOR,
 ) -> Callable[[Replacement], Replacement]:
     """Make a function a mutant. Its name with dashes is the mutant's name, its docstring the sentence.
@@ -128,6 +130,9 @@ def mutant(
         Without ``wraps``: the seam that takes a `Patch` and the mutant. Without either, the mutant takes a `Patch`.
     also : callable, optional
         With ``wraps``: what else the mutant changes.
+    each : mapping of str to str, optional
+        Without ``wraps`` and ``by``: the function is a family of mutants. It takes a `Patch` and one of these names,
+        with which the mutant's name ends; the words for it stand for ``{}`` in the sentence.
     url : str
         A device that shows it.
 
@@ -138,25 +143,28 @@ def mutant(
     """
 
     def enter(function: Replacement) -> Replacement:
-        name = function.__name__.replace("_", "-")
+        stem = function.__name__.replace("_", "-")
         sentence = re.sub(r"\s+", " ", inspect.getdoc(function) or "").strip()
-        if not sentence or not clauses or name in MUTANTS:
-            raise ValueError(f"mutant {name!r} needs a clause, a sentence and a name of its own")
         for clause in clauses:
             resolve(clause)
 
-        def change(patch: Patch) -> None:
+        def change(member: str, patch: Patch) -> None:
             if wraps is not None:
                 patch.around(*wraps)(function)
             elif by is not None:
                 by(patch, function)
             else:
-                function(patch)
+                function(patch, *filter(None, [member]))
             if also is not None:
                 also(patch)
 
         group = function.__module__.rpartition(".")[2].replace("_", "-")
-        MUTANTS[name] = Mutant(name, group, clauses, sentence, change, url)
+        for member, words in ({"": ""} if each is None else each).items():
+            name = f"{stem}-{member}".strip("-")
+            if not sentence or not clauses or name in MUTANTS:
+                raise ValueError(f"mutant {name!r} needs a clause, a sentence and a name of its own")
+            told = sentence.replace("{}", words)
+            MUTANTS[name] = Mutant(name, group, clauses, told, partial(change, member), url)
         return function
 
     return enter
