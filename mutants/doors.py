@@ -141,9 +141,7 @@ def outputs_play_on_at_disable_by(patch: Patch, line: str) -> None:
     """DISABLE and `stop` by {} change the state alone: the outputs play on."""
 
     @patch.around(StateMachine, "happen")
-    def happen(
-        original: Any, self: Any, event: StateEvent, at: int, door: Any = None, *, silent: bool = False
-    ) -> None:
+    def happen(original: Any, self: Any, event: StateEvent, at: int, door: Any = None, *, silent: bool = False) -> None:
         deaf = event is StateEvent.DISABLE and came_by(door, line)
         original(self, event, at, door, silent=silent or deaf)
 

@@ -9,7 +9,6 @@ from typing import Any
 from ..emulator import machine
 from ..emulator.control.admission import Admission
 from ..emulator.control.controller import Controller
-from ..emulator.control.dispatch import Dispatch
 from ..emulator.control.execution import Execution
 from ..emulator.control.requests import Requests
 from ..emulator.control.state_machine import StateMachine
@@ -52,7 +51,11 @@ BY_CALL: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "set-interface": (ArrayFunction, "set_interface", lambda function: function._controller._machine),
 }
 """Functions of the emulator that lead to the same event as others, and where they find the state machine."""
-RESTARTS = {"reset": (Requests, "_depart"), "power-up": (machine.Emulator, "power_up"), "dfu-mode": (UsbDevice, "_boot")}
+RESTARTS = {
+    "reset": (Requests, "_depart"),
+    "power-up": (machine.Emulator, "power_up"),
+    "dfu-mode": (UsbDevice, "_boot"),
+}
 
 
 def some(*names: str) -> dict[str, str]:

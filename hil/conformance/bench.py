@@ -12,10 +12,11 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import is_dataclass
 from functools import cached_property
 from math import ceil
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,6 +111,13 @@ TOLD_PERIODS = 800
 """20 ms, within which a device sends an unsolicited record (clause ACK-006)."""
 FAR_SECONDS = 0.03
 """The delay that a real line and the programs at its end may add to a record."""
+NO_DOOR = "this run has no {what}: pass --door {url}; if the device has none, let the profile say so under {clause}"
+DOORS: Mapping[str, str] = {
+    "usb": NO_DOOR.format(what="USB line", url="usb:", clause="USB-002"),
+    "cdc": NO_DOOR.format(what="console on USB", url="usb:", clause="USB-002"),
+    "uart": NO_DOOR.format(what="UART", url="serial:///dev/…", clause="SER-001"),
+}
+"""The lines that a device may have, and why one cannot be judged that this run lacks."""
 
 
 class Lost(Exception):
@@ -140,6 +148,8 @@ class Bench:
     spare : callable, optional
         Returns, as a context manager, a bench with a fresh device of the same kind, which trusts a key or, given None,
         has no keys.
+    doors : mapping of str to callable
+        Further lines of the same device by their names in `DOORS`, each opened by a context manager.
 
     Attributes
     ----------
@@ -170,8 +180,10 @@ class Bench:
         profile: Profile,
         spare: Callable[[Ed25519PrivateKey | None], AbstractContextManager[Bench]] | None = None,
         free_time: bool = True,
+        doors: Mapping[str, Callable[[], AbstractContextManager[RawLine]]] = MappingProxyType({}),
     ) -> None:
         self.line = line
+        self._doors = doors
         self.levers = levers
         levers.done = self._lever_done
         self.observer = observer
@@ -223,6 +235,47 @@ class Bench:
             self._serial = RawSerialLine(CdcWire(self.usb))
         self._serial.noted = self._note_bytes
         return self._serial
+
+    @contextmanager
+    def door(self, name: str) -> Iterator[RawLine]:
+        """A line of the device by its name in `DOORS`, a serial one with frames; inconclusive if this run lacks it."""
+        opened: AbstractContextManager[RawLine]
+        if name == ("usb" if self.line.kind == "usb" else "uart"):
+            opened = nullcontext(self.line)
+        elif name == "cdc" and self.line.kind == "usb":
+            opened = nullcontext(self.serial)
+        elif name in self._doors:
+            opened = self._doors[name]()
+        else:
+            raise Inconclusive(DOORS[name])
+        with opened as line:
+            if isinstance(line, RawSerialLine):
+                line.noted = self._note_bytes
+                line.wire.set_dtr(True)
+                line.enter_frames()
+            yield line
+            if isinstance(line, RawSerialLine):
+                self.leave(line)
+
+    def leave(self, line: RawSerialLine) -> None:
+        """Leave a serial line in frames if it carries blocks, else as an unused console."""
+        if line is self.line:
+            line.enter_frames()
+        else:
+            line.wire.set_dtr(False)
+            line.assume_console()
+
+    def check_doors(self) -> None:
+        """Raise ValueError if a further line leads to another device."""
+        for name in self._doors:
+            with self.door(name) as line:
+                answer = line.request(Setup(REQUEST_TYPE_IN, Request.INFO, 0, 0, ANSWER_BYTES[Request.INFO]))
+                found = Info.decode(answer or b"").unique_id
+                if found != self.info.unique_id:
+                    raise ValueError(
+                        f"--door: {line.name} leads to the device {found.hex()}, but this run judges "
+                        f"{self.info.unique_id.hex()}, {self.line.name}"
+                    )
 
     def can(self, need: Need) -> bool:
         """Whether the bench can see or do something."""

@@ -24,6 +24,7 @@ __all__ = [
     "Need",
     "NotApplicable",
     "Risk",
+    "Row",
     "TooSlow",
     "case",
     "case_of",
@@ -132,6 +133,34 @@ class Case:
     def at_the_outputs(self) -> Case:
         """The part that only the outputs show, as a case of its own."""
         return replace(self, clauses=self.outputs, outputs=(), needs=(*self.needs, Need.CAPTURE))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """What a row of a table of cases needs besides what its cases declare: a parameter of theirs derives from this.
+
+    Parameters
+    ----------
+    clauses, needs, risks, line, features
+        See `Case`.
+    """
+
+    clauses: tuple[str, ...] = ()
+    needs: tuple[Need, ...] = ()
+    risks: tuple[Risk, ...] = ()
+    line: LineKind | None = None
+    features: Feature = NO_FEATURES
+
+    def added_to(self, about: Case) -> Case:
+        """The declaration of the case with this row."""
+        return replace(
+            about,
+            clauses=about.clauses + self.clauses,
+            needs=tuple(dict.fromkeys(about.needs + self.needs)),
+            risks=tuple(dict.fromkeys(about.risks + self.risks)),
+            line=about.line or self.line,
+            features=about.features | self.features,
+        )
 
 
 def case(

@@ -9,13 +9,14 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import reduce
 
 import pytest
 
 from ...errors import DeviceError, ReplyError
 from ...protocol.codes import Feature
 from .bench import OUTPUTS, Bench, Lost
-from .cases import NOT_USB, Case, Inconclusive, Need, NotApplicable, Risk, TooSlow, case_of, not_allowed, unmet
+from .cases import NOT_USB, Case, Inconclusive, Need, NotApplicable, Risk, Row, TooSlow, case_of, not_allowed, unmet
 from .clauses import resolve
 from .matrix import Claim
 from .profile import Profile
@@ -83,6 +84,15 @@ def case_id(item: pytest.Function) -> str:
     return f"{group}/{name.replace('_', '-')}{bracket}{parameter}"
 
 
+def _about(item: pytest.Function) -> Case | None:
+    """The declaration of a case, with what the rows of its tables need; None if it is none."""
+    about = case_of(item.function)
+    if about is None or not hasattr(item, "callspec"):
+        return about
+    rows = (value for value in item.callspec.params.values() if isinstance(value, Row))
+    return reduce(lambda declared, row: row.added_to(declared), rows, about)
+
+
 class Catalogue:
     """Collects the cases and runs none.
 
@@ -111,7 +121,7 @@ def _entries(items: list[pytest.Function]) -> tuple[list[tuple[CatalogueCase, ..
     """The parts of each case, and an error for anything else."""
     entries, trouble = [], []
     for item in items:
-        if case_of(item.function) is None:
+        if _about(item) is None:
             trouble.append(f"{item.nodeid} is no case: it has no decorator `case`")
         else:
             entries.append(_parts(item))
@@ -120,7 +130,7 @@ def _entries(items: list[pytest.Function]) -> tuple[list[tuple[CatalogueCase, ..
 
 def _parts(item: pytest.Function) -> tuple[CatalogueCase, ...]:
     """A case and, if it has one, the part of it that only the outputs show."""
-    identifier, about = case_id(item), case_of(item.function)
+    identifier, about = case_id(item), _about(item)
     assert about is not None
     if not about.outputs:
         return (CatalogueCase(identifier, about),)
@@ -212,7 +222,7 @@ class Judge:
     def fixture(self, request: pytest.FixtureRequest) -> Iterator[Bench]:
         """The bench in its initial state."""
         item = request.node
-        about = case_of(item.function)
+        about = _about(item)
         assert about is not None
         with ExitStack() as stack:
             # A fault may damage a device for good; if there is a spare one the fault goes there.
@@ -347,7 +357,7 @@ class Judge:
         """Keep the verdict of a case's first exception."""
         report = yield
         if call.excinfo is not None:
-            error, about = call.excinfo.value, case_of(item.function)
+            error, about = call.excinfo.value, _about(item)
             assert about is not None
             if not isinstance(error, Exception):  # a signal, which pytest takes for an ordinary failure
                 self.interruption = error

@@ -36,7 +36,7 @@ from .bench import Bench
 from .cases import Risk
 from .levers import open_levers
 from .lines.line import RawLine
-from .lines.serial import PortWire, RawSerialLine
+from .lines.serial import CdcWire, PortWire, RawSerialLine
 from .lines.usb import RawUsbLine
 from .plugin import Catalogue, CatalogueCase, Judge, Watcher
 from .profile import Profile
@@ -86,6 +86,9 @@ class RunOptions:
     again : bool
         Whether a case that failed is run once more, which tells a sporadic failure from a permanent one; it breaks the
         run either way.
+    doors : tuple of str
+        The URLs of further lines of the same device. If there are none, the other line of the emulator if it runs in
+        this process.
     """
 
     url: str
@@ -98,6 +101,7 @@ class RunOptions:
     seed: int = SEED
     enough: int | None = None
     again: bool = True
+    doors: tuple[str, ...] = ()
 
 
 def catalogue() -> list[CatalogueCase]:
@@ -254,9 +258,20 @@ def open_bench(options: RunOptions, key: Ed25519PrivateKey | None = None) -> Ite
             allowed = frozenset() if emulator is None else frozenset(Risk)
         spare = _plugged_spare(options) if emulator is None else partial(open_bench, _for_a_spare(options))
         free_time = emulator is None or not emulator.executes
+        other = () if own is None else (f"{own}?door=serial" if line.kind == "usb" else own,)
         bench = Bench(
-            line, levers, None, allowed, options.seed, profile=options.profile, spare=spare, free_time=free_time
+            line,
+            levers,
+            None,
+            allowed,
+            options.seed,
+            profile=options.profile,
+            spare=spare,
+            free_time=free_time,
+            doors=_doors(options.doors or other, line),
         )
+        if options.doors:
+            bench.check_doors()
         if see is not None:
             probes = options.profile.channels(bench.wiring) if options.profile.probes else {}
             bench.observer = see(probes, bench.marks)
@@ -295,7 +310,7 @@ def _plugged_spare(
 def _for_a_spare(options: RunOptions) -> RunOptions:
     """For a fresh emulated device beside the device: it has its own levers and what sees its outputs, or nothing."""
     capture = NONE if options.capture not in (None, EMULATOR) else options.capture
-    return replace(options, url=_fresh(options.url), levers=(), capture=capture)
+    return replace(options, url=_fresh(options.url), levers=(), capture=capture, doors=())
 
 
 def _fresh(url: str) -> str:
@@ -336,10 +351,43 @@ def _flash(key: Ed25519PrivateKey | None, firmware: Image | FirmwareChoice) -> F
     return make_flash(identity, image if key is None else sign(image, key))
 
 
+def _doors(urls: Iterable[str], own: RawLine) -> dict[str, Callable[[], AbstractContextManager[RawLine]]]:
+    """Further lines by the names that they have at a bench whose own line is another."""
+    doors: dict[str, Callable[[], AbstractContextManager[RawLine]]] = {}
+    for url in urls:
+        if _is_usb(url):
+            found = {"usb": partial(_opened, url), "cdc": partial(_opened, url, console=True)}
+        else:
+            found = {"uart" if own.kind == "usb" else "cdc": partial(_opened, url)}
+        if found.keys() & doors.keys() or (own.kind == "usb" and _is_usb(url)):
+            raise ValueError(f"--door {url}: this run has a line of that kind already")
+        doors |= found
+    return doors
+
+
+@contextmanager
+def _opened(url: str, *, console: bool = False) -> Iterator[RawLine]:
+    """A line while the context lasts: that of a URL, or the console of that on USB."""
+    with ExitStack() as stack:
+        line = _line(url)
+        stack.callback(line.close)
+        if console:
+            assert isinstance(line, RawUsbLine)
+            line = RawSerialLine(CdcWire(line))
+            stack.callback(line.close)
+        yield line
+
+
+def _is_usb(url: str) -> bool:
+    """Whether a URL leads to a bus, not to a port."""
+    scheme = url.partition(":")[0]
+    return scheme in entries(BACKENDS) and not (scheme == EMULATOR and "door=serial" in url)
+
+
 def _line(url: str) -> RawLine:
     scheme = url.partition(":")[0]
     buses, ports = entries(BACKENDS), entries(PORTS)
-    if scheme in buses and not (scheme == EMULATOR and "door=serial" in url):
+    if _is_usb(url):
         return RawUsbLine(url)
     if scheme not in ports:
         load_by_scheme(SCHEMES, url)  # which says what to write, unless a transport has this scheme

@@ -8,6 +8,7 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import NotApplicable
 from phasewire.hil.conformance.lines.serial import RawSerialLine
+from phasewire.hil.conformance.tools.exchange import at_the_console
 from phasewire.protocol.codes import Feature
 
 
@@ -19,29 +20,19 @@ def frames(bench: Bench) -> Iterator[RawSerialLine]:
     line.enter_frames()
     yield line
     damaged = list(line.damaged)
-    _leave(bench, line)
+    bench.leave(line)
     assert not damaged, f"{len(damaged)} of the device's own frames were damaged: {damaged[0]}"
 
 
 @pytest.fixture
 def console(bench: Bench) -> Iterator[RawSerialLine]:
     """A serial line at the console's prompt, without echo."""
-    line = _line(bench)
-    line.enter_console()
-    yield line
-    _leave(bench, line)
+    _line(bench)
+    with at_the_console(bench) as line:
+        yield line
 
 
 def _line(bench: Bench) -> RawSerialLine:
     if bench.line.kind == "usb" and Feature.CONSOLE not in bench.info.features:
         raise NotApplicable("INFO does not name the feature CONSOLE")
     return bench.serial
-
-
-def _leave(bench: Bench, line: RawSerialLine) -> None:
-    """Leave the line as the next case expects it: in frames if it carries blocks, else as an unused console."""
-    if line is bench.line:
-        line.enter_frames()
-    else:
-        line.wire.set_dtr(False)
-        line.assume_console()

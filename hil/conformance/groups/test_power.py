@@ -7,13 +7,13 @@ from contextlib import contextmanager
 from operator import attrgetter
 
 import pytest
-from phasewire.emulator.faults import HotBoard
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect, unmet
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
 from phasewire.hil.conformance.tools.forge import forged
-from phasewire.hil.conformance.tools.steps import LONG_MS, check_sync, enable, require, suspended
+from phasewire.hil.conformance.tools.playing import CLOCK_ERROR, judge_silence_since
+from phasewire.hil.conformance.tools.steps import LONG_MS, check_sync, enable, suspended
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Entries,
@@ -34,10 +34,6 @@ from phasewire.protocol.requests import Setup
 
 RECORDS_IN = 0x81
 CONSOLE = 1
-OFF_PERIODS = 400
-"""10 ms, within which the outputs are off after the bus fell silent (clause USB-020)."""
-CLOCK_ERROR = 0.01
-"""The greatest difference between the clocks of host and device."""
 MOST_JUDGED = 4000
 """Periods of silence that are examined, out of many."""
 SOON = 5.0
@@ -209,47 +205,6 @@ def test_the_outputs_are_low_while_a_device_starts(bench: Bench, restart: Restar
     bench.judge(0, min(bench.period(), MOST_JUDGED), check_silent)
 
 
-def play_in(bench: Bench, state: State) -> None:
-    """Bring the device to a state."""
-    match state:
-        case State.READY:
-            enable(bench)
-        case State.PLAYING:
-            play(bench)
-        case State.UNATTENDED:
-            play_unattended(bench)
-
-
-@case("STA-003", "REQ-013", allow=(Risk.RESET,))
-@pytest.mark.parametrize("state", [State.OFF, State.READY, State.PLAYING, State.UNATTENDED], ids=NAME)
-def test_reset_leads_to_off_from_every_state(bench: Bench, state: State) -> None:
-    """RESET leads to OFF from every state without a fault."""
-    if state is State.UNATTENDED:
-        require(bench, Feature.SEQUENCES | Feature.UNATTENDED)
-    play_in(bench, state)
-    check_reset(bench, state)
-
-
-@case("STA-003", "REQ-013", allow=(Risk.RESET,), needs=(Need.FAULTS,))
-def test_reset_leads_to_off_while_a_fault_waits(bench: Bench) -> None:
-    """RESET leads to OFF without faults even while a fault waits to be cleared."""
-    enable(bench)
-    bench.levers.cause(HotBoard(board=2, celsius=100, periods=4000))
-    bench.wait(0.05)
-    bench.wait_periods(4000)
-    check_reset(bench, State.FAULT)
-
-
-def check_reset(bench: Bench, state: State) -> None:
-    """Reset a device that is in a state; fails unless it comes up in OFF without faults."""
-    expect("the state before", bench.status().state, state)
-    reset(bench)
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("the faults", status.faults, Fault(0))
-    expect("what plays since", status.since_period, 0)
-
-
 @case("REQ-013", "USB-004", allow=(Risk.RESET,), line="usb")
 def test_reset_leaves_the_bus(bench: Bench) -> None:
     """RESET is answered, then the device leaves the bus, so that the host's system forgets its state."""
@@ -339,33 +294,6 @@ def play_unattended(bench: Bench, *, periods: int = 40, repeats: int = 0) -> tup
 SUSPEND = (Need.SUSPEND,)
 
 
-@case("USB-020", "STA-003", needs=SUSPEND, allow=(Risk.RESET,), line="usb")
-@pytest.mark.parametrize("state", [State.OFF, State.READY, State.PLAYING], ids=NAME)
-def test_suspend_turns_the_outputs_off(bench: Bench, state: State) -> None:
-    """Suspend turns the outputs off and empties the queue; after resume they stay off until ENABLE."""
-    play_in(bench, state)
-    queued = None
-    if state is not State.OFF:
-        queued = bench.must(Update(bench.weak(), bench.period() + 4000))
-    before = bench.status()
-    expect("the state before", before.state, state)
-    with suspended(bench):
-        bench.wait(0.02)
-    after = bench.status()
-    expect("the state after resume", after.state, State.OFF)
-    expect("the flags", after.flags, StatusFlag(0))
-    expect("what plays since", after.since_period, 0)
-    expect("the room in the queue", after.free, bench.info.queue_blocks)
-    for name in (*COUNTERS, "faults", "watchdog_ms", "drive_limit"):
-        expect(f"the status' {name}", getattr(after, name), getattr(before, name))
-    expect("the reason for an update", bench.send(Update(bench.weak()), restart=True).reason, Reason.DISABLED)
-    enable(bench)
-    if queued is not None:
-        bench.wait_until(queued.commit_period + 2)
-        expect("the state after the period of what was queued", bench.status().state, State.READY)
-    bench.must(Update(bench.weak()))
-
-
 @case("USB-020", "ACK-006", needs=SUSPEND, allow=(Risk.RESET,), line="usb")
 def test_suspend_keeps_the_records(bench: Bench) -> None:
     """Records that wait survive a suspension, and one status record after them reports the result."""
@@ -425,14 +353,6 @@ def test_time_goes_on_while_the_bus_is_suspended(bench: Bench) -> None:
     )
 
 
-def judge_silence_since(bench: Bench, began: float) -> None:
-    """Judge that all outputs are low from 10 ms after a time of the line's clock until now."""
-    passed = bench.line.time.monotonic() - began
-    last = bench.period()
-    first = last - int(CARRIER_HZ * passed * (1 - CLOCK_ERROR)) + OFF_PERIODS + 1
-    bench.judge(first, last, check_silent)
-
-
 @case("USB-020", "SAF-004/1", needs=(*SUSPEND, Need.CAPTURE), allow=(Risk.RESET,), line="usb")
 def test_the_outputs_are_off_while_the_bus_is_suspended(bench: Bench) -> None:
     """All outputs are low from 10 ms after the last activity on the bus, and stay low after resume."""
@@ -481,20 +401,6 @@ def test_suspend_follows_where_a_sequence_ends_on_a_suspended_bus(bench: Bench) 
     expect("the flags", status.flags, StatusFlag(0))
     found = bench.listen()
     expect("the states of the unsolicited records", [record.state.name for record in found], ["OFF"])
-
-
-@case("STA-003", "SAF-007/1", needs=(*SUSPEND, Need.FAULTS), allow=(Risk.RESET,), line="usb")
-def test_a_fault_while_suspended_waits_to_be_cleared(bench: Bench) -> None:
-    """A silencing fault on a suspended bus leads to FAULT, and resume does not clear it."""
-    with suspended(bench):
-        bench.levers.cause(HotBoard(board=1, celsius=100, periods=4000))
-        bench.wait(0.2)
-    status = bench.status()
-    expect("the state", status.state, State.FAULT)
-    expect("the faults", status.faults, Fault.TEMPERATURE)
-    assert not bench.try_order(Request.ENABLE), "ENABLE is not answered with STALL in FAULT"
-    bench.order(Request.CLEAR_FAULTS)
-    expect("the state after CLEAR_FAULTS", bench.status().state, State.OFF)
 
 
 # An unplugged cable

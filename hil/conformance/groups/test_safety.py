@@ -25,7 +25,6 @@ from phasewire.hil.conformance.tools.playing import PLAYS, check_falls_silent, p
 from phasewire.hil.conformance.tools.playing import start as start_playing
 from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, features_of, forge, require, set_limit, some
 from phasewire.hil.conformance.tools.watchdog import (
-    PERIODS_PER_MS,
     TICKS_PER_MS,
     await_firing,
     check_not_yet,
@@ -414,23 +413,6 @@ def test_a_refused_block_is_no_sign_of_life(bench: Bench, reason: Reason) -> Non
     check_not_yet(bench, last.now + ms * TICKS_PER_MS)
     expect("the reasons", {ack.reason for ack in acks}, {reason})
     await_firing(bench, last.now, last.now, ms)
-
-
-@case("SAF-003", "BLK-009", line="usb")
-def test_a_block_that_is_answered_with_nak_is_no_sign_of_life(bench: Bench) -> None:
-    """A host whose blocks wait for room in the queue counts as silent, unless it asks for STATUS meanwhile."""
-    ms = patience(bench)
-    enable(bench)
-    far = bench.period() + LONG_MS * PERIODS_PER_MS
-    for number in range(bench.info.queue_blocks):
-        last = bench.must(Update(SILENT, far + number * bench.info.periods_per_update))
-    expect("the free places", last.free, 0)
-    bench.order(Request.WATCHDOG, ms)
-    taken = bench.usb.write(ENDPOINT_OUT, pack(bench.numbered(NoOp())), ms / 2000)
-    check_not_yet(bench, last.now + ms * TICKS_PER_MS)
-    assert taken < BLOCK_BYTES, "the device took a block although its queue has no room"
-    await_firing(bench, last.now, last.now, ms)
-    bench.usb.clear_halt(ENDPOINT_OUT)  # at full speed a part of the block may have been taken
 
 
 NO_SIGNS = (

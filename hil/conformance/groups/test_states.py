@@ -7,15 +7,12 @@ from contextlib import contextmanager
 
 import pytest
 from phasewire.emulator import faults
-from phasewire.errors import DeviceError
-from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.sight.waveforms import check_silent
-from phasewire.hil.conformance.tools.dfu import RawDfuLine
-from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.player import check_in_time, soon
-from phasewire.hil.conformance.tools.playing import play, start, told
+from phasewire.hil.conformance.tools.playing import ROUND_SECONDS, expect_state, play, reach, told
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     MOST_ENTRY_PERIODS,
@@ -26,7 +23,6 @@ from phasewire.hil.conformance.tools.steps import (
     suspended,
 )
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, await_firing, check_not_yet, patience
-from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -80,36 +76,11 @@ ENABLED = (READY, PLAYING, UNATTENDED)
 SHORT_MS = 10
 HOT_PERIODS = 20_000
 """Duration of a fault that must end, but be seen before on any line."""
-ROUND_SECONDS = 0.012
-"""Time in which the controller asks every processor (clause CHN-017) and gets the answers."""
 
 
 def name(value: State | str) -> str:
     """A state or an event in an identifier of a case."""
     return (value.name if isinstance(value, State) else value).lower().replace("_", "-").replace(" ", "-")
-
-
-def reach(bench: Bench, state: State) -> None:
-    """Bring the device from OFF to a state, with a watchdog time longer than any case."""
-    if state is UNATTENDED:
-        require(bench, Feature.UNATTENDED)
-    bench.must(NoOp())
-    bench.order(Request.WATCHDOG, LONG_MS)
-    if state in ENABLED:
-        bench.enable()
-    if state is PLAYING:
-        play(bench)
-    if state is UNATTENDED:
-        start(bench, "unattended")
-    expect_state(bench, state)
-    bench.unasked.clear()
-
-
-def expect_state(bench: Bench, state: State) -> None:
-    """Fail unless all reports agree on a state; a refused block asks for it without effect."""
-    (ack,) = bench.send_raw(forged(pack(bench.numbered(NoOp())), magic=0))
-    expect("the state in an acknowledgement", ack.state, state)
-    expect("the state in the status", bench.status().state, state)
 
 
 def carry_out(bench: Bench, body: Body, state: State) -> None:
@@ -254,65 +225,6 @@ BUS_RESETS: dict[str, Callable[[Bench], None]] = {
 }
 
 
-@pytest.mark.parametrize("how", BUS_RESETS, ids=name)
-@pytest.mark.parametrize("state", REACHED, ids=name)
-@case("STA-002", "STA-003", "USB-003", "USB-016", "SAF-005", line="usb")
-def test_a_host_that_configures_the_device_finds_it_off(bench: Bench, state: State, how: str) -> None:
-    """SET_CONFIGURATION, and SET_INTERFACE of interface 0, disable the outputs, unattended playing included."""
-    reach(bench, state)
-    BUS_RESETS[how](bench)
-    expect_state(bench, LEADS_TO["BUS_RESET"][state])
-    status = bench.status()
-    expect("what plays since", status.since_period, 0)
-    expect("the free places", status.free, bench.info.queue_blocks)
-    expect("the unsolicited records", told(bench), [])
-
-
-@pytest.mark.parametrize("state", REACHED, ids=name)
-@case("STA-002", "STA-003", "USB-003", line="usb", allow=(Risk.RESET,))
-def test_a_bus_reset_leads_to_off(bench: Bench, state: State) -> None:
-    """A bus reset disables the outputs, unattended playing included."""
-    reach(bench, state)
-    bench.usb.reset()
-    expect_state(bench, LEADS_TO["BUS_RESET"][state])
-
-
-@pytest.mark.parametrize("state", REACHED, ids=name)
-@case("STA-002", "STA-003", "STA-006", "REQ-013", allow=(Risk.RESET,))
-def test_a_restart_leads_to_off(bench: Bench, state: State) -> None:
-    """After RESET the device is in OFF, whatever it did before."""
-    reach(bench, state)
-    bench.restart(lambda: bench.order(Request.RESET))
-    expect("the state", bench.status().state, LEADS_TO["RESTART"][state])
-
-
-def detach(bench: Bench, line: RawDfuLine, state: State) -> None:
-    """DETACH, and the status after it if the device still answers: it may leave after 10 ms."""
-    assert line.detach(), f"DETACH is answered with STALL in {state.name}"
-    try:
-        status = bench.status()
-    except DeviceError:
-        return
-    expect("the state", status.state, LEADS_TO["DETACH"][state])
-    expect("what plays since", status.since_period, 0)
-
-
-@pytest.mark.parametrize("state", REACHED, ids=name)
-@case("STA-003", "STA-005", "DFU-002", line="usb", allow=(Risk.RESET,), features=Feature.DFU)
-def test_detach_leads_to_dfu_mode_and_a_bus_reset_back(bench: Bench, state: State) -> None:
-    """DETACH is carried out in this state and leads to DFU mode; the bus reset that ends it leads to OFF."""
-    reach(bench, state)
-    line = RawDfuLine(bench)
-    detach(bench, line, state)
-    bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
-    try:
-        answer = bench.request(Setup(0xC1, Request.STATUS, 0, 0, Status.BYTES))
-        expect("the answer to STATUS in DFU mode, which has no vendor interface", answer, None)
-    finally:
-        line.leave()
-    expect("the state", bench.status().state, LEADS_TO["RESTART"][DFU])
-
-
 # A bus that is suspended
 
 
@@ -356,17 +268,6 @@ def test_what_ends_unattended_on_a_suspended_bus_leaves_the_device_suspended(ben
     bench.judge(ended, ended + 100, check_silent)
 
 
-@case("STA-003", "USB-003", line="usb", needs=(Need.SUSPEND,), allow=(Risk.RESET,))
-def test_a_bus_reset_ends_a_suspension(bench: Bench) -> None:
-    """A bus reset finds a device whose bus was suspended in OFF, ready for ENABLE."""
-    reach(bench, PLAYING)
-    with suspended(bench):
-        bench.usb.reset()
-    expect_state(bench, LEADS_TO["BUS_RESET"][SUSPENDED])
-    bench.enable()
-    expect_state(bench, READY)
-
-
 # Faults
 
 
@@ -378,27 +279,6 @@ def heat(bench: Bench, periods: int | None = None) -> None:
     """Overheat a board, for some periods or for good, and wait until the controller knows (clause CHN-017)."""
     bench.levers.cause(faults.HotBoard(board=bench.random.randrange(bench.info.boards), celsius=HOT_C, periods=periods))
     bench.wait(ROUND_SECONDS)
-
-
-@pytest.mark.parametrize("state", REACHED, ids=name)
-@case("STA-003", "STA-001", "SAF-007/1", "SAF-005", "ACK-006", needs=FAULTY)
-def test_a_silencing_fault_leads_to_fault_and_clearing_it_to_off(bench: Bench, state: State) -> None:
-    """A silencing fault leads from this state to FAULT with a record; after its end CLEAR_FAULTS leads to OFF."""
-    reach(bench, state)
-    heat(bench, HOT_PERIODS)
-    said = told(bench)
-    expect("the states of the unsolicited records", [status.state for status in said], [LEADS_TO["FAULT"][state]])
-    expect("the faults in the records", said[0].faults, Fault.TEMPERATURE)
-    status = bench.status()
-    expect("the state", status.state, FAULT)
-    expect("what plays since", status.since_period, 0)
-    expect("the free places", status.free, bench.info.queue_blocks)
-    bench.wait_periods(HOT_PERIODS)
-    bench.wait(ROUND_SECONDS)
-    expect_state(bench, FAULT)
-    bench.order(Request.CLEAR_FAULTS)
-    expect_state(bench, LEADS_TO["CLEAR"][FAULT])
-    expect("the faults", bench.status().faults, Fault(0))
 
 
 @pytest.mark.parametrize("way", [way for way in WAYS if way != "last repeat"], ids=name)
@@ -434,19 +314,6 @@ def test_a_fault_while_the_bus_is_suspended_leads_to_fault(bench: Bench, state: 
         heat(bench)
     expect("the newest state in the unsolicited records", [status.state for status in told(bench)][-1:], [FAULT])
     expect_state(bench, LEADS_TO["RESUME"][FAULT])
-
-
-@case("STA-003", "DFU-002", needs=FAULTY, line="usb", allow=(Risk.RESET,), features=Feature.DFU)
-def test_a_device_with_a_fault_goes_to_dfu_mode(bench: Bench) -> None:
-    """DETACH is carried out in FAULT too, so that firmware can be sent; the restart begins without the fault."""
-    heat(bench, HOT_PERIODS)
-    expect_state(bench, FAULT)
-    line = RawDfuLine(bench)
-    detach(bench, line, FAULT)
-    bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
-    bench.wait_periods(HOT_PERIODS)
-    line.leave()
-    expect("the state", bench.status().state, LEADS_TO["RESTART"][DFU])
 
 
 @case("STA-003", "REQ-013", "REQ-011", needs=FAULTY, allow=(Risk.RESET,))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 
 from ....protocol.blocks import NoOp, pack
@@ -17,6 +19,7 @@ from .frames import frame
 __all__ = [
     "acks",
     "ask",
+    "at_the_console",
     "await_ack",
     "damage",
     "fill",
@@ -27,6 +30,15 @@ __all__ = [
     "send",
     "statuses",
 ]
+
+
+@contextmanager
+def at_the_console(bench: Bench) -> Iterator[RawSerialLine]:
+    """The bench's serial line at the console's prompt, without echo; then as the next step expects it."""
+    line = bench.serial
+    line.enter_console()
+    yield line
+    bench.leave(line)
 
 
 def ask(line: RawSerialLine, request: Request) -> bytes:

@@ -9,23 +9,40 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from ....protocol.blocks import AmplitudeModulation, Body, Entries, Entry, PlaySequence, Samples, Slot, Update
-from ....protocol.board import PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
-from ....protocol.codes import SILENT_PERIODS, Feature
+from ....protocol.blocks import (
+    AmplitudeModulation,
+    Body,
+    Entries,
+    Entry,
+    NoOp,
+    PlaySequence,
+    Samples,
+    Slot,
+    Update,
+    pack,
+)
+from ....protocol.board import CARRIER_HZ, PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
+from ....protocol.codes import SILENT_PERIODS, Feature, Request, State
 from ....protocol.pulses import Pulses
 from ....protocol.replies import Status
 from ..bench import Bench
-from ..cases import Inconclusive
+from ..cases import Inconclusive, expect
 from ..sight.capture import Seen
-from ..sight.waveforms import SILENCE, Words, check_play, expected_words, modulated
-from .steps import require
+from ..sight.waveforms import SILENCE, Words, check_play, check_silent, expected_words, modulated
+from .forge import forged
+from .steps import LONG_MS, require
 
 __all__ = [
+    "CLOCK_ERROR",
     "PLAYS",
+    "ROUND_SECONDS",
     "Played",
     "check_falls_one_by_one",
     "check_falls_silent",
+    "expect_state",
+    "judge_silence_since",
     "play",
+    "reach",
     "silent_from",
     "start",
     "told",
@@ -33,6 +50,12 @@ __all__ = [
 
 SAMPLE = 128
 SLOT, PLACE = 7, 5
+CLOCK_ERROR = 0.01
+"""The greatest difference between the clocks of host and device."""
+OFF_PERIODS = 400
+"""10 ms, within which the outputs are off after the bus fell silent (clause USB-020)."""
+ROUND_SECONDS = 0.012
+"""Time in which the controller asks every processor (clause CHN-017) and gets the answers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +87,27 @@ def start(bench: Bench, what: str) -> Played:
     return PLAYS[what](bench)
 
 
+def reach(bench: Bench, state: State, share: float = 1.0) -> None:
+    """Bring the device from OFF to a state, by a share of the allowed drive, with a long watchdog time."""
+    bench.must(NoOp())
+    bench.order(Request.WATCHDOG, LONG_MS)
+    if state is not State.OFF:
+        bench.enable()
+    if state is State.PLAYING:
+        play(bench, bench.weak(share))
+    if state is State.UNATTENDED:
+        _sequence(bench, unattended=True, share=share)
+    expect_state(bench, state)
+    bench.unasked.clear()
+
+
+def expect_state(bench: Bench, state: State) -> None:
+    """Fail unless all reports agree on a state; a refused block asks for it without effect."""
+    (ack,) = bench.send_raw(forged(pack(bench.numbered(NoOp())), magic=0))
+    expect("the state in an acknowledgement", ack.state, state)
+    expect("the state in the status", bench.status().state, state)
+
+
 def _play(bench: Bench, pulses: Pulses, change: Callable[[Pulses], Body]) -> Played:
     ack = bench.must(change(pulses))
     bench.wait_until(ack.commit_period + 1)
@@ -79,9 +123,9 @@ def _modulated(bench: Bench) -> Played:
     return Played(pulses, expected_words(modulated(pulses, SAMPLE), bench.wiring), ack.commit_period)
 
 
-def _sequence(bench: Bench, *, unattended: bool = False) -> Played:
+def _sequence(bench: Bench, *, unattended: bool = False, share: float = 1.0) -> Played:
     require(bench, Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
-    pulses = bench.weak()
+    pulses = bench.weak(share)
     bench.must(Slot(SLOT, pulses))
     bench.must(Entries((Entry(SLOT, 3),), PLACE))
     return _play(bench, pulses, lambda _: PlaySequence(PLACE, 1, unattended=unattended))
@@ -103,6 +147,14 @@ def told(bench: Bench) -> list[Status]:
     came = bench.listen()
     statuses, bench.unasked = [*bench.unasked, *(record for record in came if isinstance(record, Status))], []
     return statuses
+
+
+def judge_silence_since(bench: Bench, began: float) -> None:
+    """Judge that all outputs are low from 10 ms after a time of the line's clock until now."""
+    passed = bench.line.time.monotonic() - began
+    last = bench.period()
+    first = last - int(CARRIER_HZ * passed * (1 - CLOCK_ERROR)) + OFF_PERIODS + 1
+    bench.judge(first, last, check_silent)
 
 
 def silent_from(seen: Seen) -> int:

@@ -7,6 +7,7 @@ from ....protocol.codes import State
 from ....protocol.replies import Status
 from ..bench import Bench
 from ..cases import TooSlow, expect
+from ..lines.line import RawLine
 
 __all__ = ["PERIODS_PER_MS", "TICKS_PER_MS", "await_firing", "check_fired", "check_not_yet", "far_ahead", "patience"]
 
@@ -14,9 +15,9 @@ TICKS_PER_MS = TICK_HZ // 1000
 PERIODS_PER_MS = TICKS_PER_MS // TICKS_PER_PERIOD
 
 
-def patience(bench: Bench) -> int:
-    """A watchdog time in ms within which some blocks arrive on this line."""
-    return bench.slowness * (60 if bench.line.kind == "usb" else 250)
+def patience(bench: Bench, line: RawLine | None = None) -> int:
+    """A watchdog time in ms within which some blocks arrive on a line, by default on the bench's own."""
+    return bench.slowness * (60 if (line or bench.line).kind == "usb" else 250)
 
 
 def far_ahead(bench: Bench) -> int:
