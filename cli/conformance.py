@@ -89,6 +89,16 @@ def conformance(
             autocompletion=among((EMULATOR, "command:power=", "command:cable=")),
         ),
     ] = None,
+    door: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--door",
+            metavar="URL",
+            help="A further line of the same device, such as 'serial:///dev/ttyUSB0' for the UART of a device on USB: "
+            "the rules of safety are tried there too; may be given again. By default the other line of the emulator "
+            "if it runs in this process.",
+        ),
+    ] = None,
     allow: Annotated[
         list[Risk] | None,
         typer.Option(
@@ -214,6 +224,7 @@ def conformance(
         tuple(only or ()),
         seed,
         enough=stop_after,
+        doors=tuple(door or ()),
     )
     if broken is None:
         note_where_fresh(url)

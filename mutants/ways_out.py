@@ -92,7 +92,8 @@ def note_ways(patch: Patch) -> None:
 
     @patch.around(UsbFunction, "bus_reset")
     def bus_reset(original: Any, self: Any) -> None:
-        found = vars(self._controller._machine) if isinstance(self, ArrayFunction) else {}
+        of_array = isinstance(self, ArrayFunction)
+        found: dict[str, Any] = vars(vars(self)["_controller"]._machine) if of_array else {}
         found["how"] = "bus-reset"
         original(self)
         del found["how"]
@@ -114,7 +115,7 @@ def note_ways(patch: Patch) -> None:
 
 def came_by(state_machine: Any, way: str) -> bool:
     """Whether the outputs went off last by this way."""
-    return vars(state_machine).get("way") == way
+    return bool(vars(state_machine).get("way") == way)
 
 
 @mutant("SAF-003", "STA-003", each=WAYS)

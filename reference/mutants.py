@@ -20,7 +20,7 @@ from phasewire.mutants.texts import TextMutant, TextOutcome, judge_all, read_tex
 REFERENCE = Path(__file__).resolve().parent
 SCRATCH = REFERENCE / "build" / "mutants"
 BUILD_SECONDS = 300
-OPTIONS = ("--device", "reference:", "--capture", "reference:", "--levers", "reference:")
+OPTIONS = ("--device", "reference:", "--door", "reference-uart:", "--capture", "reference:", "--levers", "reference:")
 ALLOWED = ("--allow", "reset", "--allow", "flash", "--allow", "drive")
 SPEED = "speed"
 """The key of an entry that names the speed of the bus, "high" or "full"."""

@@ -300,9 +300,12 @@ def _plugged_spare(
 
     def spare(key: Ed25519PrivateKey | None) -> AbstractContextManager[Bench]:
         rest = make(key)
-        url, *levers = (f"{text.partition(':')[0]}:{rest}" for text in (options.url, *options.levers))
+        url, levers, doors = (
+            tuple(f"{text.partition(':')[0]}:{rest}" for text in texts)
+            for texts in ((options.url,), options.levers, options.doors)
+        )
         capture = NONE if options.capture in (None, NONE) else f"{options.capture.partition(':')[0]}:{rest}"
-        return open_bench(replace(options, url=url, capture=capture, levers=tuple(levers)))
+        return open_bench(replace(options, url=url[0], capture=capture, levers=levers, doors=doors))
 
     return spare
 

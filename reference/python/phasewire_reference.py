@@ -3,8 +3,8 @@
 With this folder on `PYTHONPATH`, phasewire finds the entry points beside this module::
 
     make -C reference library
-    PYTHONPATH=reference/python phasewire conformance --device reference: --capture reference: --levers reference: \
-        --allow reset --allow flash --allow drive
+    PYTHONPATH=reference/python phasewire conformance --device reference: --door reference-uart: \
+        --capture reference: --levers reference: --allow reset --allow flash --allow drive
 
 ``reference-uart:`` is its UART, and ``reference:NAME`` a device of its own for each name. `PHASEWIRE_REFERENCE` names
 another library, such as one with your changes, and `PHASEWIRE_REFERENCE_SPEED=full` puts it on a full-speed bus.

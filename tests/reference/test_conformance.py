@@ -60,18 +60,18 @@ def check(report: Path, said: str) -> set[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("url", "speed", "may_be_open"),
+    ("url", "door", "speed", "may_be_open"),
     [
-        ("reference:", "high", ON_ANY_LINE),
-        ("reference:", "full", ON_ANY_LINE),
-        ("reference-uart:", "high", ON_ANY_LINE + SERIAL),
+        ("reference:", "reference-uart:", "high", ON_ANY_LINE),
+        ("reference:", "reference-uart:", "full", ON_ANY_LINE),
+        ("reference-uart:", "reference:", "high", ON_ANY_LINE + SERIAL),
     ],
 )
 def test_the_library_passes(
-    machine: Callable[..., Any], tmp_path: Path, url: str, speed: str, may_be_open: tuple[str, ...]
+    machine: Callable[..., Any], tmp_path: Path, url: str, door: str, speed: str, may_be_open: tuple[str, ...]
 ) -> None:
     del machine  # it has built the library
-    plugged = ["--device", url, "--capture", "reference:", "--levers", "reference:"]
+    plugged = ["--device", url, "--door", door, "--capture", "reference:", "--levers", "reference:"]
     run = suite(*plugged, report=tmp_path / "report.json", PHASEWIRE_REFERENCE_SPEED=speed)
     said, _ = run.communicate(timeout=SUITE_SECONDS)
     assert not {reason for reason in check(tmp_path / "report.json", said) if not reason.startswith(may_be_open)}

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pytest
 from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, TooSlow, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.lines.serial import RawSerialLine
+from phasewire.hil.conformance.sight.capture import Seen
+from phasewire.hil.conformance.sight.waveforms import Words
+from phasewire.hil.conformance.tools.doors import TEST, Door, Host, at_the_door
 from phasewire.hil.conformance.tools.exchange import (
     acks,
     await_ack,
@@ -22,11 +25,31 @@ from phasewire.hil.conformance.tools.exchange import (
     statuses,
 )
 from phasewire.hil.conformance.tools.frames import frame
-from phasewire.hil.conformance.tools.player import soon
-from phasewire.hil.conformance.tools.playing import play
-from phasewire.hil.conformance.tools.steps import LONG_MS, enable, let_stores_go
-from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_not_yet, patience
-from phasewire.protocol.blocks import Body, Entries, Entry, Output, PlaySequence, Slot, Update, pack
+from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, soon
+from phasewire.hil.conformance.tools.playing import check_falls_silent, judge_silence_since, play, reach
+from phasewire.hil.conformance.tools.steps import (
+    LONG_MS,
+    SILENT,
+    enable,
+    forge,
+    heavy,
+    let_stores_go,
+    set_limit,
+    suspended,
+)
+from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_fired, check_not_yet
+from phasewire.protocol.blocks import (
+    AmplitudeModulation,
+    Body,
+    Entries,
+    Entry,
+    NoOp,
+    Output,
+    PlaySequence,
+    Slot,
+    Update,
+    pack,
+)
 from phasewire.protocol.board import CHANNELS, TICKS_PER_PERIOD
 from phasewire.protocol.codes import Action, Fault, Feature, FrameKind, Reason, Request, State
 from phasewire.protocol.pulses import Pulses
@@ -129,11 +152,11 @@ def test_blocks_that_find_no_room_keep_nothing_alive(bench: Bench, frames: RawSe
 
 # What one door does is told at the other
 
-DOORS = ("usb", "serial")
+BOTH = ("usb", "serial")
 
 
 @case("SER-016", "ACK-006", "BLK-018", line="usb")
-@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("door", BOTH)
 @pytest.mark.parametrize("when", ["now", "later"])
 def test_what_blocks_of_one_door_do_is_told_at_the_other(
     bench: Bench, frames: RawSerialLine, door: str, when: str
@@ -152,7 +175,7 @@ def test_what_blocks_of_one_door_do_is_told_at_the_other(
 
 
 @case("SER-016", "ACK-006", "BLK-018", line="usb", features=Feature.SEQUENCES | Feature.UNATTENDED)
-@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("door", BOTH)
 def test_what_sequences_of_one_door_do_is_told_at_the_other(bench: Bench, frames: RawSerialLine, door: str) -> None:
     """The start of a sequence, attended or not, and its end by DISABLE are told at the other door."""
     begin(bench, frames, door)
@@ -177,72 +200,203 @@ def test_what_is_typed_is_told_by_usb(bench: Bench, console: RawSerialLine) -> N
         expect(f"the state told by USB after {command}", bench.await_unasked(console.patience()).state, state)
 
 
-# One device with several doors
+# Safety at every door
+
+DOORS = (
+    Door(name="usb", clauses=("USB-002",)),
+    Door(name="cdc", clauses=("USB-002",), features=Feature.CONSOLE),
+    Door(name="cdc", typed=True, clauses=("USB-002",), features=Feature.CONSOLE),
+    Door(name="uart", clauses=("SER-001",)),
+    Door(name="uart", typed=True, clauses=("SER-001",), features=Feature.CONSOLE),
+)
+"""The doors of a device. A clause that the profile takes away takes its door with it."""
+PERMISSION = Feature.SEQUENCES | Feature.UNATTENDED
+every_door = pytest.mark.parametrize("door", DOORS, ids=str)
 
 
-@case("STA-005", "CON-004/2", "SER-016", needs=(Need.FAULTS,), features=Feature.SEQUENCES | Feature.UNATTENDED)
-@pytest.mark.parametrize("door", ["requests", "frames", "console"])
-def test_every_door_stops_in_every_state(bench: Bench, frames: RawSerialLine, door: str) -> None:
-    """DISABLE over this line or another, and `stop` at the console, work in each state, and end what is enabled."""
-    stop: dict[str, Callable[[], None]] = {
-        "requests": lambda: bench.order(Request.DISABLE),
-        "frames": lambda: order(frames, Request.DISABLE),
-        "console": lambda: typed_stop(frames),
-    }
-    for store in (Slot(0, Pulses.silent(CHANNELS)), Entries((Entry(0, 100),))):
+@pytest.fixture
+def host(bench: Bench, door: Door) -> Iterator[Host]:
+    """A host at the door of the case, after an accepted block by the bench's own."""
+    with at_the_door(bench, door) as host:
+        bench.must(NoOp())
+        bench.order(Request.WATCHDOG, LONG_MS)
+        yield host
+
+
+def changes(host: Host) -> list[Body]:
+    """Changes that this door can ask for."""
+    return host.able(TEST, PlaySequence(0, 1), AmplitudeModulation(0, 1, 1), Output(Action.SILENCE))
+
+
+def until_fired(bench: Bench, first_sign: int, last_sign: int, ms: int) -> None:
+    """Wait for the watchdog, which must fire in time; what other doors do may be told before."""
+    while not (told := bench.await_unasked(ms / 1000 + 1)).watchdog_fired:
+        pass
+    check_fired(told, first_sign, last_sign, ms)
+
+
+@every_door
+@case("SAF-002", "SER-016")
+def test_changes_by_this_door_need_enable(bench: Bench, host: Host) -> None:
+    """By this door changes are refused with DISABLED before ENABLE and after DISABLE, and taken in between."""
+    for _ in range(2):
+        for body in changes(host):
+            expect(f"the reason for {body.KIND.name}", host.send(body), Reason.DISABLED)
+        expect("the state", bench.status().state, State.OFF)
+        assert host.order(Request.ENABLE), "ENABLE is refused"
+        expect("the reason for an update after ENABLE", host.send(TEST), Reason.ACCEPTED)
+        assert host.order(Request.DISABLE), "DISABLE is refused"
+
+
+SIGNS: dict[str, Callable[[Host], object]] = {
+    "ENABLE": lambda host: host.order(Request.ENABLE),
+    "an update": lambda host: host.send(TEST),
+    "STATUS": lambda host: host.order(Request.STATUS),
+}
+
+
+@every_door
+@case("SAF-003", "SER-016", "REQ-005")
+def test_the_watchdog_hears_this_door(bench: Bench, host: Host) -> None:
+    """By this door ENABLE starts the watchdog, and an accepted block and STATUS restart it."""
+    ms = host.patience
+    bench.order(Request.WATCHDOG, ms)
+    for what, give in SIGNS.items():
+        bench.note("sign of life", what)
+        if what != "ENABLE":
+            bench.enable()
+            last = bench.clock().now
+            bench.wait(ms / 3000)
+        before = bench.clock().now
+        give(host)
+        after = bench.clock().now
+        if what != "ENABLE":
+            check_not_yet(bench, last + ms * TICKS_PER_MS, after)
+        until_fired(bench, before, after, ms)
+
+
+@every_door
+@case("SAF-003", "SER-016", "REQ-010")
+def test_what_is_refused_by_this_door_is_no_sign_of_life(bench: Bench, host: Host) -> None:
+    """By this door refused blocks, CLOCK and a refused LIMIT do not restart the watchdog."""
+    ms = host.patience
+    bench.order(Request.LIMIT, 0)
+    bench.enable()
+    last = bench.must(NoOp()).now
+    bench.order(Request.WATCHDOG, ms)
+    bench.wait(ms / 6000)
+    expect("the reason for an update above the limit", host.send(TEST), Reason.DRIVE)
+    if not host.typed:
+        damaged = forge(bench, NoOp(), checksum=1)
+        expect("the reason of a wrong checksum", host.send_block(damaged).reason, Reason.CHECKSUM)
+    assert not host.order(Request.LIMIT, 1), "LIMIT is carried out while the outputs are enabled"
+    assert host.order(Request.CLOCK), "CLOCK is refused"
+    check_not_yet(bench, last + ms * TICKS_PER_MS)
+    await_firing(bench, last, last, ms)
+
+
+@every_door
+@case("SAF-004", "STA-005", "SER-016", "CON-004/2", outputs=("SAF-004/1",))
+def test_this_door_silences(bench: Bench, host: Host) -> None:
+    """By this door DISABLE, or `stop`, works in OFF and in every enabled state, and all outputs fall silent."""
+    states = [State.OFF, State.READY, State.UNATTENDED, State.PLAYING]
+    for state in states if not PERMISSION & ~bench.info.features else [*states[:2], State.PLAYING]:
+        field = reach(bench, state)
+        before = bench.clock().now
+        assert host.order(Request.DISABLE), f"DISABLE is refused in {state.name}"
+        after = bench.clock().now
+        expect(f"the state after DISABLE in {state.name}", bench.status().state, State.OFF)
+        if field is not None:
+            words, end = field.words, after // TICKS_PER_PERIOD + 100
+
+            def check(seen: Seen, words: Words = words, before: int = before, after: int = after) -> None:
+                check_falls_silent(seen, words, before, after)
+
+            bench.judge(field.period, end, check)
+
+
+@every_door
+@case("SAF-005", "SER-016", "SAF-003", features=PERMISSION)
+def test_what_plays_unattended_by_this_door_ends_with_an_update_by_another(bench: Bench, host: Host) -> None:
+    """The watchdog rests for what is unattended, and starts when it ends, whatever doors the two came through."""
+    ms = host.patience
+    for store in (Slot(0, SILENT), Entries((Entry(0, 100),))):
         bench.must(store)
     let_stores_go(bench)
-    plays: dict[State, Body | None] = {
-        State.READY: None,
-        State.PLAYING: Update(Pulses.silent(CHANNELS)),
-        State.UNATTENDED: PlaySequence(0, 1, unattended=True),
-    }
-    for state, body in plays.items():
+    sequence = PlaySequence(0, 1, unattended=True)
+
+    def by_host(body: Body) -> None:
+        expect(f"the reason for {body.KIND.name}", host.send(body), Reason.ACCEPTED)
+
+    ways: list[tuple[Callable[[Body], object], Callable[[Body], object]]] = [(bench.must, by_host)]
+    if not host.typed:
+        ways.append((by_host, bench.must))
+    for begin, end in ways:
         enable(bench)
-        if body is not None:
-            bench.wait_until(bench.must(body).commit_period + 1)
-        expect("the state before it", bench.status().state, state)
-        stop[door]()
-        expect(f"the state after it, in {state.name}", bench.status().state, State.OFF)
-    stop[door]()
-    expect("the state after it, in OFF", bench.status().state, State.OFF)
+        begin(sequence)
+        bench.order(Request.WATCHDOG, ms)
+        bench.wait(2 * ms / 1000)
+        expect("the state after twice the watchdog's time", bench.status().state, State.UNATTENDED)
+        before = bench.clock().now
+        end(TEST)
+        after = bench.clock().now + PROMISED_PERIODS * TICKS_PER_PERIOD
+        until_fired(bench, before, after, ms)
+
+
+@every_door
+@case("SAF-006", "SER-016", "REQ-010", "CON-008")
+def test_the_drive_limit_holds_by_this_door(bench: Bench, host: Host) -> None:
+    """By this door an UPDATE, a SLOT, a SEQUENCE and `test` above the drive limit are refused with DRIVE."""
+    set_limit(bench, 2)
+    if Feature.SEQUENCES in bench.info.features:
+        bench.must(Slot(0, heavy(2)))
+        bench.must(Entries((Entry(0, 100),)))
+        let_stores_go(bench)
+    set_limit(bench, 1)
+    bench.enable()
+    for body in host.able(Update(heavy(2)), Slot(1, heavy(2)), PlaySequence(0, 1)):
+        expect(f"the reason for {body.KIND.name} of 2 transducers", host.send(body), Reason.DRIVE)
+    expect("the reason for less than the limit", host.send(TEST), Reason.ACCEPTED)
+    assert not host.order(Request.LIMIT, 2), "LIMIT is carried out while the outputs are enabled"
+    assert host.order(Request.DISABLE), "DISABLE is refused"
+    assert host.order(Request.LIMIT, 0), "LIMIT is refused while the outputs are off"
+    expect("the drive limit in STATUS", bench.status().drive_limit, 0)
+    bench.enable()
+    expect("the reason for a pulse under a limit of 0", host.send(TEST), Reason.DRIVE)
+
+
+@every_door
+@case("SAF-007/1", "STA-005", "SER-016", needs=(Need.FAULTS,))
+def test_a_fault_binds_this_door(bench: Bench, host: Host) -> None:
+    """In FAULT changes and stores by this door are refused with FAULT, and ENABLE too; DISABLE is carried out."""
+    bench.enable()
     bench.levers.cause(WrongSupply(millivolts=5000))
     bench.wait(0.1)
-    stop[door]()
+    for body in [*changes(host), *host.able(Slot(0, SILENT))]:
+        expect(f"the reason for {body.KIND.name}", host.send(body), Reason.FAULT)
+    assert not host.order(Request.ENABLE), "ENABLE is carried out in FAULT"
+    for request in (Request.DISABLE, Request.CLEAR_FAULTS):
+        assert host.order(request), f"{request.name} is refused in FAULT"
     status = bench.status()
-    expect("state and faults after it, in FAULT", (status.state, status.faults), (State.FAULT, Fault.SUPPLY))
+    expect("state and faults", (status.state, status.faults), (State.FAULT, Fault.SUPPLY))
 
 
-def typed_stop(line: RawSerialLine) -> None:
-    """Type `stop`, which must be answered with ok, and return to frames."""
-    line.enter_console()
-    expect("the answer to stop", line.command("stop"), "ok\r\n")
-    line.enter_frames()
-
-
-@case("SAF-005", "SER-016", "SAF-003", line="usb", features=Feature.SEQUENCES | Feature.UNATTENDED)
-@pytest.mark.parametrize("door", DOORS)
-def test_an_update_by_any_door_wakes_the_watchdog(bench: Bench, frames: RawSerialLine, door: str) -> None:
-    """An UPDATE that ends an unattended sequence starts the watchdog, whatever doors the two came through."""
-    milliseconds = patience(bench)
-    other = DOORS[DOORS.index(door) - 1]
-    enable(bench)
-    for store in (Slot(0, Pulses.silent(CHANNELS)), Entries((Entry(0, 100),))):
-        bench.must(store)
-    let_stores_go(bench)
-    begun = accepted(bench, frames, other, PlaySequence(0, 1, unattended=True)).commit_period
-    bench.wait_until(begun + 1)
-    bench.order(Request.WATCHDOG, milliseconds)
-    bench.wait(2 * milliseconds / 1000)
-    expect("the state after twice the watchdog's time", bench.status().state, State.UNATTENDED)
-    bench.listen(0.01)
-    bench.unasked.clear()
-    ends = accepted(bench, frames, door, Update(Pulses.silent(CHANNELS))).commit_period * TICKS_PER_PERIOD
-    if door == "serial":
-        told = bench.await_unasked(1)
-        check_not_yet(bench, ends + milliseconds * TICKS_PER_MS, told.now)
-        expect("the state told by USB", told.state, State.PLAYING)
-    await_firing(bench, ends, ends, milliseconds)
+@every_door
+@case("USB-020", "STA-003", "SER-016", outputs=("USB-020",), needs=(Need.SUSPEND,), allow=(Risk.RESET,), line="usb")
+def test_suspend_silences_what_this_door_has_enabled(bench: Bench, host: Host, door: Door) -> None:
+    """A suspended bus turns the outputs off, whichever door has enabled them and plays, until ENABLE."""
+    assert host.order(Request.ENABLE), "ENABLE is refused"
+    expect("the reason for an update", host.send(TEST), Reason.ACCEPTED)
+    expect("the state before", bench.status().state, State.PLAYING)
+    with suspended(bench):
+        began = bench.line.time.monotonic()
+        bench.wait(0.03)
+        if door.name == "uart":  # the others go over the bus
+            assert not host.order(Request.ENABLE), "ENABLE by the UART is carried out while the bus is suspended"
+            expect("the reason for an update while the bus is suspended", host.send(TEST), Reason.DISABLED)
+    expect("the state after resume", bench.status().state, State.OFF)
+    expect("the reason for an update after resume", host.send(TEST), Reason.DISABLED)
+    judge_silence_since(bench, began)
 
 
 # Steps

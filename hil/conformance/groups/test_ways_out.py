@@ -155,7 +155,7 @@ class How(Row):
     """A way to let an event happen, and the states that the device then reports unasked; None for any."""
 
     name: str
-    act: Callable[[Bench], None]
+    act: Callable[[Bench], object]
     tells: Sequence[State] | None = None
 
 

@@ -26,7 +26,7 @@ ACK_SECONDS = 10.0
 TESTED = 17
 TEST = Update(only(TESTED, width=2))
 """The update that `test 17` stands for (clause CON-008)."""
-TYPED_AS = {about.request: name for name, about in reversed(COMMANDS.items()) if about.request is not None}
+TYPED_AS = {about.request: name for name, about in reversed([*COMMANDS.items()]) if about.request is not None}
 """The command that stands for a request."""
 
 
@@ -57,7 +57,7 @@ class Host:
     bench : Bench
     line : RawLine
     typed : bool
-        Whether the line is at its console.
+        Whether it types at the line's console.
     """
 
     def __init__(self, bench: Bench, line: RawLine, *, typed: bool) -> None:
@@ -109,7 +109,10 @@ class Host:
     def _type(self, command: str) -> Reason:
         """Give a command; returns ACCEPTED, or why an update is refused, or FIELD for any other refusal."""
         assert isinstance(self._line, RawSerialLine)
+        self._line.enter_console()
         answer = self._line.command(command.strip())
+        if self._line is self._bench.line:
+            self._line.enter_frames()  # the bench speaks there too
         if answer.endswith("ok\r\n"):
             return Reason.ACCEPTED
         found = re.match(r"error 6 (\w+)", answer)
@@ -120,7 +123,4 @@ class Host:
 def at_the_door(bench: Bench, door: Door) -> Iterator[Host]:
     """A host at a door; inconclusive if this run has no such door."""
     with bench.door(door.name) as line:
-        if door.typed:
-            assert isinstance(line, RawSerialLine)
-            line.enter_console()
         yield Host(bench, line, typed=door.typed)

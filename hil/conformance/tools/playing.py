@@ -87,18 +87,23 @@ def start(bench: Bench, what: str) -> Played:
     return PLAYS[what](bench)
 
 
-def reach(bench: Bench, state: State, share: float = 1.0) -> None:
-    """Bring the device from OFF to a state, by a share of the allowed drive, with a long watchdog time."""
+def reach(bench: Bench, state: State, share: float = 1.0) -> Played | None:
+    """Bring the device from OFF to a state, with a long watchdog time; returns what plays then.
+
+    What plays has a share of the allowed drive.
+    """
     bench.must(NoOp())
     bench.order(Request.WATCHDOG, LONG_MS)
     if state is not State.OFF:
         bench.enable()
+    played = None
     if state is State.PLAYING:
-        play(bench, bench.weak(share))
+        played = play(bench, bench.weak(share))
     if state is State.UNATTENDED:
-        _sequence(bench, unattended=True, share=share)
+        played = _sequence(bench, unattended=True, share=share)
     expect_state(bench, state)
     bench.unasked.clear()
+    return played
 
 
 def expect_state(bench: Bench, state: State) -> None:
