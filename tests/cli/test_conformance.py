@@ -73,6 +73,7 @@ def test_all_options_reach_the_suite(phasewire: Phasewire, suite: Suite, tmp_pat
     outcome = phasewire(
         *("--device", "usb:", "--capture", "sigrok:run.sr", "--allow", "reset", "--allow", "drive"),
         *("--levers", "command:power=relay {}", "--levers", "hub:1"),
+        *("--door", "serial:///dev/ttyUSB0", "--door", "socket://bench:1"),
         *(
             "--profile",
             "device.toml",
@@ -97,6 +98,7 @@ def test_all_options_reach_the_suite(phasewire: Phasewire, suite: Suite, tmp_pat
             {"blocks/a": "revision C"},
             ("BLK", "safety/"),
             9,
+            doors=("serial:///dev/ttyUSB0", "socket://bench:1"),
         )
     ]
 

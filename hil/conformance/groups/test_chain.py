@@ -721,8 +721,8 @@ def test_a_board_that_is_not_well_stays_silent_whatever_it_is_sent(bench: Bench)
             f"the outputs are silent from period {silent} on, should be by {learned + SILENT_PERIODS}"
         )
         lame = list[tuple[int, Words]]()
-        for period, play in words:
-            played = mixed(play, SILENCE, *places_of(board))
+        for period, wanted in words:
+            played = mixed(wanted, SILENCE, *places_of(board))
             begins = not lame or ((seen.period(period) ^ lame[-1][1]) & seen.observed).any()
             if period <= learned or (period < silent and begins):  # what is on the chain then may begin or not
                 lame.append((period, played))

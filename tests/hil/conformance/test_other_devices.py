@@ -134,15 +134,15 @@ def slower_watchdog(patch: Patch) -> None:
 BY_SIZE = (
     *("acknowledgements", "blocks", "endpoints", "flow", "long-run", "modulation", "numbering", "outputs", "requests"),
     *("robustness", "safety", "sequences", "serial", "states", "stores", "timing"),
-    *("combinations", "doors", "successions"),
+    *("combinations", "doors", "successions", "ways-out"),
 )
 BY_RATE = (
     *("acknowledgements", "blocks", "flow", "long-run", "modulation", "outputs", "requests", "sequences", "timing"),
-    *("combinations", "successions"),
+    *("combinations", "successions", "ways-out"),
 )
 BY_DRIVE = (
     *("blocks", "endpoints", "limits", "long-run", "power", "pulses", "requests", "safety", "sequences", "stores"),
-    "timing",
+    *("doors", "timing", "ways-out"),
 )
 BY_MAKE = ("console", "dfu", "endpoints", "enumeration", "flash", "power", "requests", "serial", "versions")
 BY_FEATURES = ()
