@@ -11,7 +11,7 @@ from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, c
 from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import Words
-from phasewire.hil.conformance.tools.doors import TEST, Door, Host, at_the_door
+from phasewire.hil.conformance.tools.doors import TEST, DoorRow, Host, at_the_door
 from phasewire.hil.conformance.tools.exchange import (
     acks,
     await_ack,
@@ -203,11 +203,11 @@ def test_what_is_typed_is_told_by_usb(bench: Bench, console: RawSerialLine) -> N
 # Safety at every door
 
 DOORS = (
-    Door(name="usb", clauses=("USB-002",)),
-    Door(name="cdc", clauses=("USB-002",), features=Feature.CONSOLE),
-    Door(name="cdc", typed=True, clauses=("USB-002",), features=Feature.CONSOLE),
-    Door(name="uart", clauses=("SER-001",)),
-    Door(name="uart", typed=True, clauses=("SER-001",), features=Feature.CONSOLE),
+    DoorRow(name="usb", clauses=("USB-002",)),
+    DoorRow(name="cdc", clauses=("USB-002",), features=Feature.CONSOLE),
+    DoorRow(name="cdc", typed=True, clauses=("USB-002",), features=Feature.CONSOLE),
+    DoorRow(name="uart", clauses=("SER-001",)),
+    DoorRow(name="uart", typed=True, clauses=("SER-001",), features=Feature.CONSOLE),
 )
 """The doors of a device. A clause that the profile takes away takes its door with it."""
 PERMISSION = Feature.SEQUENCES | Feature.UNATTENDED
@@ -215,7 +215,7 @@ every_door = pytest.mark.parametrize("door", DOORS, ids=str)
 
 
 @pytest.fixture
-def host(bench: Bench, door: Door) -> Iterator[Host]:
+def host(bench: Bench, door: DoorRow) -> Iterator[Host]:
     """A host at the door of the case, after an accepted block by the bench's own."""
     with at_the_door(bench, door) as host:
         bench.must(NoOp())
@@ -383,7 +383,7 @@ def test_a_fault_binds_this_door(bench: Bench, host: Host) -> None:
 
 @every_door
 @case("USB-020", "STA-003", "SER-016", outputs=("USB-020",), needs=(Need.SUSPEND,), allow=(Risk.RESET,), line="usb")
-def test_suspend_silences_what_this_door_has_enabled(bench: Bench, host: Host, door: Door) -> None:
+def test_suspend_silences_what_this_door_has_enabled(bench: Bench, host: Host, door: DoorRow) -> None:
     """A suspended bus turns the outputs off, whichever door has enabled them and plays, until ENABLE."""
     assert host.order(Request.ENABLE), "ENABLE is refused"
     expect("the reason for an update", host.send(TEST), Reason.ACCEPTED)

@@ -194,7 +194,7 @@ HOWS_IN: dict[tuple[State, StateEvent], tuple[How, ...]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Way(Row):
+class WayOut(Row):
     """A way from a state, to which blocks and requests lead, to OFF; it needs what its steps need."""
 
     state: State
@@ -205,7 +205,7 @@ class Way(Row):
         return "-".join([self.state.name.lower(), *(step.name for step in self.steps)])
 
     @classmethod
-    def through(cls, state: State, steps: tuple[How, ...], *, restarts: bool) -> Way:
+    def through(cls, state: State, steps: tuple[How, ...], *, restarts: bool) -> WayOut:
         """The way of some steps."""
         merged = reduce(lambda about, row: row.added_to(about), steps, Case((), ""))
         features = merged.features | (PERMISSION if state is UNATTENDED else Feature(0))
@@ -239,7 +239,7 @@ def hows(state: State, event: StateEvent) -> tuple[How, ...]:
 
 
 WAYS = [
-    Way.through(first, (*steps, how), restarts=event is StateEvent.RESTART)
+    WayOut.through(first, (*steps, how), restarts=event is StateEvent.RESTART)
     for (state, event), follows in TRANSITIONS.items()
     if follows is OFF and (state is not OFF or event is StateEvent.RESTART)
     for first, steps in beginnings(state)
@@ -257,7 +257,7 @@ def share(bench: Bench) -> float:
     return HELD / bench.drive_limit
 
 
-def leave(bench: Bench, way: Way) -> Status:
+def leave(bench: Bench, way: WayOut) -> Status:
     """Lower the limit, reach a state and take the way out of it; returns the status, which must be that of OFF."""
     set_limit(bench, HELD)
     reach(bench, way.state, share(bench))
@@ -282,7 +282,7 @@ def leave(bench: Bench, way: Way) -> Status:
     return status
 
 
-def come_back(bench: Bench, way: Way) -> None:
+def come_back(bench: Bench, way: WayOut) -> None:
     """Take the way out, and enable the outputs again."""
     leave(bench, way)
     enable(bench)
@@ -312,7 +312,7 @@ def store(bench: Bench) -> None:
 
 @pytest.mark.parametrize("way", WAYS, ids=str)
 @case("SAF-002", "SAF-003", "SAF-006", "REQ-010", "STA-003", "ACK-006")
-def test_the_watchdog_and_the_limit_hold_after(bench: Bench, way: Way) -> None:
+def test_the_watchdog_and_the_limit_hold_after(bench: Bench, way: WayOut) -> None:
     """After this way out changes need ENABLE, the drive limit holds, and the watchdog fires in time after silence.
 
     A refused block is no sign of life.
@@ -338,7 +338,7 @@ def test_the_watchdog_and_the_limit_hold_after(bench: Bench, way: Way) -> None:
 
 @pytest.mark.parametrize("way", WHILE_PLAYING, ids=str)
 @case("SAF-003", "BLK-009", "STA-003", line="usb")
-def test_a_block_that_is_answered_with_nak_is_no_sign_of_life_after(bench: Bench, way: Way) -> None:
+def test_a_block_that_is_answered_with_nak_is_no_sign_of_life_after(bench: Bench, way: WayOut) -> None:
     """After this way out a host whose blocks wait for room in the queue counts as silent, unless it asks for STATUS."""
     ms = patience(bench)
     come_back(bench, way)
@@ -356,7 +356,7 @@ def test_a_block_that_is_answered_with_nak_is_no_sign_of_life_after(bench: Bench
 
 @pytest.mark.parametrize("way", WHILE_PLAYING, ids=str)
 @case("SAF-005", "SAF-003", "STA-003", features=PERMISSION)
-def test_the_watchdog_rests_while_something_plays_unattended_after(bench: Bench, way: Way) -> None:
+def test_the_watchdog_rests_while_something_plays_unattended_after(bench: Bench, way: WayOut) -> None:
     """After this way out the watchdog rests for an unattended sequence, starts with its end, and for no other."""
     ms = patience(bench)
     come_back(bench, way)
@@ -376,7 +376,7 @@ def test_the_watchdog_rests_while_something_plays_unattended_after(bench: Bench,
 
 @pytest.mark.parametrize("way", WHILE_PLAYING, ids=str)
 @case("SAF-004", "STA-003", outputs=("SAF-004/1",))
-def test_disable_silences_after(bench: Bench, way: Way) -> None:
+def test_disable_silences_after(bench: Bench, way: WayOut) -> None:
     """After this way out, and once something plays again, all outputs fall silent within six periods of DISABLE."""
     come_back(bench, way)
     field = play(bench, bench.weak(share(bench)))
@@ -398,7 +398,7 @@ def test_disable_silences_after(bench: Bench, way: Way) -> None:
     allow=(Risk.RESET,),
     line="usb",
 )
-def test_suspend_silences_after(bench: Bench, way: Way) -> None:
+def test_suspend_silences_after(bench: Bench, way: WayOut) -> None:
     """After this way out, and once something plays again, a suspended bus turns the outputs off until ENABLE."""
     come_back(bench, way)
     play(bench, bench.weak(share(bench)))
@@ -412,7 +412,7 @@ def test_suspend_silences_after(bench: Bench, way: Way) -> None:
 
 @pytest.mark.parametrize("way", WHILE_PLAYING, ids=str)
 @case("SAF-007/1", "STA-003", "STA-005", outputs=("SAF-007/1",), needs=(Need.FAULTS,))
-def test_a_fault_silences_after(bench: Bench, way: Way) -> None:
+def test_a_fault_silences_after(bench: Bench, way: WayOut) -> None:
     """After this way out, and once something plays again, a silencing fault leads to FAULT and silences the outputs."""
     come_back(bench, way)
     play(bench, bench.weak(share(bench)))

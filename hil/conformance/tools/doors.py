@@ -20,7 +20,7 @@ from ..sight.waveforms import only
 from .steps import features_of
 from .watchdog import patience
 
-__all__ = ["TEST", "Door", "Host", "at_the_door"]
+__all__ = ["TEST", "DoorRow", "Host", "at_the_door"]
 
 ACK_SECONDS = 10.0
 TESTED = 17
@@ -31,7 +31,7 @@ TYPED_AS = {about.request: name for name, about in reversed([*COMMANDS.items()])
 
 
 @dataclass(frozen=True, kw_only=True)
-class Door(Row):
+class DoorRow(Row):
     """A door of the device.
 
     Parameters
@@ -120,7 +120,7 @@ class Host:
 
 
 @contextmanager
-def at_the_door(bench: Bench, door: Door) -> Iterator[Host]:
+def at_the_door(bench: Bench, door: DoorRow) -> Iterator[Host]:
     """A host at a door; inconclusive if this run has no such door."""
     with bench.door(door.name) as line:
         yield Host(bench, line, typed=door.typed)
