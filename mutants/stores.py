@@ -1,4 +1,4 @@
-"""Broken stores: slots, entries and samples that are loaded while something plays (clauses BLK-007 and BLK-013 to -016)."""
+"""Broken stores: slots, entries and samples that are loaded while something plays (chapter BLK)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ def _while(what: str, *memories: Memory) -> Callable[[Patch, Any], None]:
     def by(patch: Patch, change: Callable[[Any, int, bytes], tuple[int, bytes]]) -> None:
         @patch.around(Processor, "load")
         def load(original: Any, self: Any, memory: Memory, first: int, data: bytes) -> None:
-            original(self, memory, *(change(self, first, data) if memory in memories and plays(self) else (first, data)))
+            original(
+                self, memory, *(change(self, first, data) if memory in memories and plays(self) else (first, data))
+            )
 
     return by
 

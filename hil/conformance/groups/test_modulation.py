@@ -400,20 +400,6 @@ def test_what_modulates_is_not_overwritten(bench: Bench) -> None:
     player.judge(last - 60, last)
 
 
-@case("BLK-022", outputs=("BLK-022", "CHN-019"), features=MODULATION)
-def test_what_does_not_modulate_may_be_stored(bench: Bench) -> None:
-    """All other samples may be stored, right up to those of the modulation, which goes on."""
-    player = Player(bench)
-    store(player, noise(bench, 10), 500)
-    player.send_all([Update(bench.weak()), AmplitudeModulation(500, 10, 2)])
-    bench.wait_periods(SETTLED_PERIODS)
-    beside = [(20, SAMPLES_PER_BLOCK), (510, SAMPLES_PER_BLOCK), (499, 1)]
-    player.send_all(Samples(noise(bench, count), first) for first, count in beside)
-    bench.wait_periods(SETTLED_PERIODS)
-    last = bench.period()
-    player.judge(last - SETTLED_PERIODS, last)
-
-
 def ended(player: Player) -> None:
     """Let END_MODULATION end a modulation."""
     ack = player.send(Output(Action.END_MODULATION))
@@ -454,18 +440,6 @@ def test_an_update_frees_no_sample(bench: Bench) -> None:
     ack = player.send(Update(bench.weak()))
     bench.wait_until(ack.commit_period + 2)
     check_refused(bench, Samples(bytes(1), 3), Reason.IN_USE)
-
-
-@case("BLK-007", "BLK-016", "CHN-019", features=MODULATION, needs=CAPTURE)
-def test_samples_take_effect_before_the_modulation_behind_them(bench: Bench) -> None:
-    """A modulation for now, sent right after its samples, plays the last of them from its first period on."""
-    player = Player(bench)
-    store(player, noise(bench, SAMPLES_PER_BLOCK), 600)
-    player.send(Update(bench.weak()))
-    bench.wait_periods(SETTLED_PERIODS)
-    last = 600 + SAMPLES_PER_BLOCK - 48, 48
-    acks = player.send_all([Samples(noise(bench, SAMPLES_PER_BLOCK), 600), AmplitudeModulation(*last, 1)])
-    player.judge(acks[-1].commit_period, acks[-1].commit_period + 110)
 
 
 @case("BLK-016", "SAF-002", "SAF-004", outputs=("BLK-016",), features=MODULATION)

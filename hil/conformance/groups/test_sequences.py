@@ -349,22 +349,6 @@ def test_what_a_sequence_plays_is_not_overwritten(bench: Bench) -> None:
     player.judge(after - min(after - before, 2000), after)
 
 
-@case("BLK-022", outputs=("BLK-022", "CHN-019"), features=SEQUENCES)
-def test_what_a_sequence_does_not_play_may_be_stored(bench: Bench) -> None:
-    """All other slots and entries may be stored, right up to those of a playing sequence, which goes on."""
-    player = Player(bench)
-    store(player, [Entry(75, 1), Entry(80, 1)], 302)
-    store(player, [Entry(70, 2), Entry(71, 1)], 300)
-    ack = player.send(PlaySequence(300, 2))
-    bench.wait_until(ack.commit_period + 5)
-    before = bench.period()
-    player.send_all([Slot(69, bench.weak()), Slot(72, bench.weak()), Slot(75, bench.weak()), Slot(80, bench.weak())])
-    player.send_all([Entries((Entry(69, 1),) * 20, 280), Entries((Entry(72, 1),) * 20, 302)])
-    bench.wait_periods(SETTLED_PERIODS)
-    after = bench.period()
-    player.judge(after - min(after - before, 2000), after)
-
-
 @case("BLK-022", "BLK-008", outputs=("BLK-022",), features=SEQUENCES)
 def test_what_will_play_is_not_overwritten(bench: Bench) -> None:
     """The entries and slots of a queued sequence are in use from its acceptance, before it begins."""
@@ -458,20 +442,6 @@ def test_what_is_about_to_end_is_still_in_use(bench: Bench) -> None:
     check_refused(bench, Slot(2, bench.weak()), Reason.IN_USE)
     bench.wait_until(period + 1)
     player.send(Slot(2, bench.weak()))
-
-
-@case("BLK-007", "BLK-013", "CHN-019", features=SEQUENCES, needs=CAPTURE)
-def test_stores_take_effect_before_the_sequence_behind_them(bench: Bench) -> None:
-    """A sequence for now, sent right after the stores of its slots and entries, plays the last of them at once."""
-    player = Player(bench)
-    store(player, [Entry(1, 1), Entry(2, 1)])
-    player.send(PlaySequence(0, 2))
-    fresh = [Slot(slot, bench.weak()) for slot in (100, 101, 102)]
-    entries = tuple(Entry(100 + number % 3, 1 + number % 2) for number in range(ENTRIES_PER_BLOCK))
-    first = bench.period()
-    last = 400 + ENTRIES_PER_BLOCK - 12, 12
-    acks = player.send_all([*fresh, Entries(entries, 400), PlaySequence(*last)])
-    player.judge(max(first, acks[-1].commit_period - 200), acks[-1].commit_period + 2 * ENTRIES_PER_BLOCK)
 
 
 @case("BLK-013", "BLK-014", "SAF-002", "SAF-004", outputs=("BLK-013", "BLK-014"), features=SEQUENCES)

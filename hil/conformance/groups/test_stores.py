@@ -8,16 +8,19 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
+from phasewire.hil.conformance.tools.player import Player, is_fast
 from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
     begin,
+    check_same,
     far,
     forge,
     late_phase,
     later,
     let_stores_go,
     refuse,
+    require,
     some,
 )
 from phasewire.protocol.blocks import (
@@ -317,3 +320,109 @@ def test_disable_frees_what_played(bench: Bench, what: str, when: str) -> None:
     expect("the state", bench.status().state, State.OFF)
     for body in TAKEN[what]:
         bench.must(body)
+
+
+# What is stored while something plays
+
+UNDER = {
+    "update": Feature(0),
+    "sequence": Feature.SEQUENCES,
+    "modulation": Feature.MODULATION,
+    "both": Feature.SEQUENCES | Feature.MODULATION,
+}
+"""What plays meanwhile, and what it needs; a modulation without a sequence lies over an update."""
+OWN = range(300, 303)
+"""The entries and the samples of what plays meanwhile; the slots are 0 to 2."""
+ENTRY_PERIODS, MEANWHILE = 3, 500
+"""Periods of the longest entry, and those judged before new content plays."""
+
+
+def begin_to_play(player: Player, under: str) -> None:
+    """Play what plays meanwhile."""
+    if Feature.SEQUENCES in UNDER[under]:
+        player.send_all(Slot(number, player.bench.weak()) for number in range(len(OWN)))
+        player.send(Entries(tuple(Entry(number, 2 + number) for number in range(len(OWN))), OWN[0]))
+        player.send(PlaySequence(OWN[0], len(OWN)))
+    else:
+        player.send(Update(player.bench.weak()))
+    if Feature.MODULATION in UNDER[under]:
+        player.send(Samples(player.bench.random.randbytes(len(OWN)), OWN[0]))
+        player.send(AmplitudeModulation(OWN[0], len(OWN), 5))
+
+
+def beside(bench: Bench, size: int, a_block: int) -> list[range]:
+    """The places of a memory behind what plays and before it: all, or on a slow line those of a block."""
+    room = size if is_fast(bench) else a_block
+    return [range(OWN.stop, min(OWN.stop + room, size)), range(max(OWN.start - room, 0), OWN.start)]
+
+
+def renewals(player: Player, what: str) -> list[tuple[list[Body], PlaySequence | AmplitudeModulation]]:
+    """New content for places that do not play, in two parts, each with a change that plays it.
+
+    What else these need is stored at once.
+    """
+    bench, draw = player.bench, player.bench.random
+    if what == "samples":
+        return [
+            (
+                [
+                    Samples(draw.randbytes(len(cut := part[at : at + SAMPLES_PER_BLOCK])), cut[0])
+                    for at in range(0, len(part), SAMPLES_PER_BLOCK)
+                ],
+                AmplitudeModulation(part[0], len(part), 1),
+            )
+            for part in beside(bench, MODULATION_SAMPLES, SAMPLES_PER_BLOCK)
+        ]
+    numbers = draw.sample(range(len(OWN), SLOTS), 24 if is_fast(bench) else 4)
+    places = [Entry(number, ENTRY_PERIODS) for number in numbers]
+    player.send_all([*(Slot(number, bench.weak()) for number in numbers), Entries(tuple(places), OWN.stop)])
+    if what == "slots":
+        half = len(numbers) // 2
+        return [
+            ([Slot(number, bench.weak()) for number in numbers[at : at + half]], PlaySequence(OWN.stop + at, half))
+            for at in (0, half)
+        ]
+    return [
+        (
+            [*entries_blocks([Entry(draw.choice(numbers), draw.randint(1, ENTRY_PERIODS)) for _ in part], part[0])],
+            PlaySequence(part[0], len(part)),
+        )
+        for part in beside(bench, SEQUENCE_ENTRIES, ENTRIES_PER_BLOCK)
+    ]
+
+
+@case(
+    *("BLK-007", "BLK-013", "BLK-014", "BLK-016", "BLK-022", "REQ-007"),
+    outputs=("BLK-007", "BLK-013", "BLK-014", "BLK-016", "BLK-022", "CHN-012/2", "CHN-019"),
+)
+@of_each
+@pytest.mark.parametrize("under", UNDER)
+def test_what_is_stored_while_something_plays_is_right(bench: Bench, what: str, under: str) -> None:
+    """What is stored while something plays is whole and right on all ten processors, and disturbs nothing.
+
+    A part of it is played at once, another part later. PULSES shows slots and entries, the outputs all of it.
+    """
+    require(bench, UNDER[under] | (Feature.MODULATION if what == "samples" else Feature.SEQUENCES))
+    player = Player(bench)
+    (at_once, first), (later_on, second) = renewals(player, what)
+    begin_to_play(player, under)
+    before = let_stores_go(bench)
+    *_, ack = player.send_all([*at_once, first])
+    check_renewal(player, first, before.period, ack.commit_period)
+    playing = bench.status()
+    player.send_all(later_on)
+    check_same(playing, let_stores_go(bench), accepted=(playing.accepted + len(later_on)) % 2**32)
+    check_renewal(player, second, playing.period, player.send(second).commit_period)
+
+
+def check_renewal(player: Player, change: PlaySequence | AmplitudeModulation, since: int, began: int) -> None:
+    """Fail unless the outputs are right from a period on, and PULSES answers what some of the entries play."""
+    bench = player.bench
+    longest = ENTRY_PERIODS if isinstance(change, PlaySequence) else change.hold
+    player.judge(max(since, began - MEANWHILE), began + longest * change.count)
+    if isinstance(change, PlaySequence) and Feature.READ_BACK in bench.info.features:
+        for place in some(bench, range(change.first, change.first + change.count, max(change.count // 12, 1))):
+            alone = player.send(PlaySequence(place, 1)).commit_period
+            bench.wait_until(alone + 1)
+            right = bench.read_back().pulses == player.score.at(alone)[0]
+            expect(f"whether PULSES answers what was stored for entry {place}", right, True)
