@@ -47,6 +47,20 @@ def now_is_that_of_the_millisecond(patch: Patch) -> None:
     _tell_now_as(patch, lambda now: now - now % TICKS_PER_MS)
 
 
+@mutant("ACK-002", "TIM-002", also=one_by_one, wraps=(ArrayFunction, "_take"))
+def a_block_that_is_held_up_is_stamped_late(original: Any, self: Any, packet: bytes) -> Any:
+    """A block by USB is judged a millisecond after it came, by another task, and `now` is the tick of that."""
+    controller = self._controller
+
+    def accept(block: bytes, door: Door) -> None:
+        self._scheduler.at(self._scheduler.now + CYCLES_PER_MS, lambda: Controller.accept(controller, block, door))
+
+    vars(controller)["accept"] = accept
+    answer = original(self, packet)
+    del vars(controller)["accept"]
+    return answer
+
+
 @mutant("ACK-002", "VER-002", by=mangle_acks)
 def acks_are_of_version_2(record: bytearray) -> bytes:
     """Acknowledgements name version 2: the author wrote the newest version."""

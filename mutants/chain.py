@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from ..emulator.boards import processor
@@ -113,6 +114,15 @@ def clear_faults_clears_what_persists(_: Any, self: Any) -> None:
     self._machine.happen(StateEvent.CLEAR, self._dispatch.now)
     if cleared:
         self._machine.send_status()
+
+
+@mutant("REQ-011", "SAF-008", wraps=(KnownFaults, "clear"))
+def supply_of_the_last_board_is_cleared_while_it_persists(original: Any, self: Any) -> None:
+    """CLEAR_FAULTS clears a SUPPLY that persists on the last board alone: the loop ends one board too soon."""
+    reports = self.supervisor._reports
+    self.supervisor._reports = [*reports[:-2], *(replace(report, faults=0) for report in reports[-2:])]
+    original(self)
+    self.supervisor._reports = reports
 
 
 @mutant("SAF-008")

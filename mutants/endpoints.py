@@ -6,12 +6,13 @@ from collections import deque
 from typing import Any
 
 from ..emulator.control.state_machine import StateMachine
+from ..emulator.control.watchdog import Watchdog
 from ..emulator.door import Handshake, Stall
 from ..emulator.interfaces import usb_functions
 from ..emulator.interfaces.serial_line import SerialLine
 from ..emulator.interfaces.usb_device import UsbDevice
 from ..emulator.interfaces.usb_functions import ArrayFunction, ConsoleFunction
-from ..protocol.board import CHANNELS, WATCHDOG_MS
+from ..protocol.board import CHANNELS, CYCLES_PER_MS, WATCHDOG_MS
 from ..protocol.codes import BLOCK_BYTES, Reason
 from ..protocol.enumeration import CONSOLE_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT
 from ..protocol.requests import Setup
@@ -242,3 +243,20 @@ def breaks_are_acknowledged_on_cdc(original: Any, self: Any, setup: Setup, data:
         return original(self, setup, data)
     except Stall:
         return b""
+
+
+@mutant("USB-025", "SAF-003", wraps=(Watchdog, "_check"))
+def unread_text_stops_the_watchdog(original: Any, self: Any, armed: int) -> None:
+    """The watchdog does not fire while text waits for a host that does not read: its task waits for the line."""
+    lines = [door for door in self._on_fire.__self__._doors if isinstance(door, SerialLine)]
+    if any(line.pending and line._sends_text and not line._among_frames for line in lines):
+        self._scheduler.at(self._scheduler.now + CYCLES_PER_MS, lambda: self._check(armed))
+    else:
+        original(self, armed)
+
+
+@mutant("USB-025", "CON-004", wraps=(SerialLine, "receive"))
+def unread_text_holds_back_commands(original: Any, self: Any, data: bytes) -> None:
+    """A command is dropped while an earlier answer was not read, even `stop`: the line is busy."""
+    if not self.pending or self._among_frames:
+        original(self, data)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from ..emulator.boards.processor import Processor
 from ..emulator.control import batches
 from ..emulator.control.admission import Admission
 from ..emulator.control.controller import Controller
@@ -14,22 +16,43 @@ from ..emulator.control.dispatch import Dispatch
 from ..emulator.control.requests import Requests
 from ..emulator.doors.device_time import DeviceTime
 from ..protocol.board import CORE_HZ
+from ..protocol.chain import Report
 from .patching import Patch, mutant
 from .robustness import leak_a_place, leak_places
 
 FAST = 1.002
 LOW_HALF = 0xFFFF
+BYTE = 2**8
+COUNTERS = ("accepted", "refused", "late", "lost", "dropped_frames", "missed_commits", "damaged_messages")
 
 
-@mutant("REQ-003")
-def counters_stop_at_255(patch: Patch) -> None:
-    """The counts of accepted, refused, late and lost blocks stop at 255: a saturating byte holds each."""
-    names = ("accepted", "refused", "late", "lost")
+def _count_in(name: str, bits: int) -> Callable[[Patch], None]:
+    """A mutant whose STATUS has a counter of so many bits."""
 
-    @patch.around(Requests, "status")
-    def status(original: Any, self: Any) -> Any:
-        found = original(self)
-        return replace(found, **{name: min(getattr(found, name), 255) for name in names})
+    def narrow(patch: Patch) -> None:
+        @patch.around(Requests, "status")
+        def status(original: Any, self: Any) -> Any:
+            found = original(self)
+            return replace(found, **{name: getattr(found, name) % 2**bits})
+
+    narrow.__name__ = f"{name}_has_{bits}_bits"
+    narrow.__doc__ = f"The count {name} of STATUS has {bits} bits and begins anew after {2**bits - 1}."
+    return narrow
+
+
+for _bits, _names in ((8, COUNTERS), (16, COUNTERS[:2])):
+    for _name in _names:
+        mutant("REQ-003")(_count_in(_name, _bits))
+
+
+@mutant("REQ-008", "REQ-003", wraps=(Processor, "_answer"))
+def processors_count_in_8_bits(original: Any, self: Any, wanted: Any) -> Any:
+    """A processor counts missed commits and damaged messages in a byte each, which begins anew after 255."""
+    answer = original(self, wanted)
+    if not isinstance(answer, Report):
+        return answer
+    missed, damaged = answer.missed_commits % BYTE, answer.damaged_messages % BYTE
+    return replace(answer, missed_commits=missed, damaged_messages=damaged)
 
 
 @mutant("NUM-001", "NUM-003")

@@ -40,6 +40,12 @@ def info_counts_seconds_in_its_last_bytes(original: Any, self: Any) -> Any:
     return replace(original(self), later=(self._dispatch.now_tick // TICK_HZ).to_bytes(16, "little"))
 
 
+@mutant("REQ-002", "FWU-005", wraps=(Requests, "info"))
+def info_says_hardware_that_no_one_defined(original: Any, self: Any) -> Any:
+    """INFO names hardware 2, which the specification does not have: the field counts the board's revisions."""
+    return replace(original(self), hardware=2)
+
+
 @mutant("REQ-002", "REQ-010", wraps=(Requests, "info"))
 def info_says_the_limit_that_is_set(original: Any, self: Any) -> Any:
     """The drive limit in INFO is the one that LIMIT has set, not the greatest possible: one variable serves both."""

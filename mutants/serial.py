@@ -16,7 +16,7 @@ from ..emulator.interfaces.usb_functions import ConsoleFunction
 from ..errors import FrameError
 from ..protocol import framing
 from ..protocol.board import CYCLES_PER_MS
-from ..protocol.codes import REQUEST_TYPE_OUT, SERIAL_DATA_BYTES, FrameKind, Outcome
+from ..protocol.codes import REQUEST_TYPE_OUT, SERIAL_DATA_BYTES, FrameKind, Outcome, Request
 from ..protocol.console import PROMPT
 from ..protocol.framing import DELIMITER, MAX_FRAME_BYTES, FrameReader, LineReader, SerialFrame, SerialReply
 from ..protocol.requests import DIRECTION_IN
@@ -324,6 +324,31 @@ def unfinished_text_is_kept_over_frames(patch: Patch) -> None:
 def answers_follow_into_the_console(patch: Patch) -> None:
     """Answers that wait when the line returns to text are sent into the text."""
     patch.replace(SerialLine, "_drop_answers", lambda *_: None)
+
+
+@mutant("SER-010", wraps=(SerialLine, "_answer"))
+def pulses_reach_the_next_host(original: Any, self: Any, request: Any) -> None:
+    """The answer to PULSES comes although its host has hung up meanwhile: it takes 5 ms to collect it."""
+    dispatch = self._controller._dispatch
+    later = request.request == Request.PULSES
+    dispatch.scheduler.at(dispatch.now + later * 5 * CYCLES_PER_MS, lambda: original(self, request))
+
+
+@mutant("SER-010", wraps=(SerialLine, "acknowledge"))
+def acknowledgements_of_stores_reach_the_next_host(original: Any, self: Any, record: bytes) -> None:
+    """The RECORD of a store comes although its host has hung up meanwhile: it waits 5 ms for the chain."""
+    dispatch = self._controller._dispatch
+    dispatch.scheduler.at(dispatch.now + bool(dispatch.loading) * 5 * CYCLES_PER_MS, lambda: original(self, record))
+
+
+@mutant("SER-001", "ACK-002", wraps=(SerialLine, "_admit"))
+def a_block_that_meets_a_reply_is_stamped_late(original: Any, self: Any, block: bytes) -> None:
+    """A block that arrives while the device sends is looked at afterwards, and `now` is the tick of that."""
+    dispatch = self._controller._dispatch
+    if self.pending:
+        dispatch.scheduler.at(dispatch.now + CYCLES_PER_MS, lambda: self._admit(block))
+    else:
+        original(self, block)
 
 
 @mutant("SER-010", "USB-023", wraps=(SerialLine, "take"))

@@ -88,6 +88,34 @@ def watchdog_fires_where_32_bits_of_ticks_wrap(patch: Patch) -> None:
         return ends if laps[0] == laps[1] else self._fed
 
 
+@mutant("SAF-003", "TIM-002")
+def watchdog_fires_31_bits_of_ticks_after_enable(patch: Patch) -> None:
+    """What is enabled for 18 minutes is silenced although it is fed: signs of life are counted from ENABLE on."""
+
+    @patch.around(Watchdog, "watch")
+    def watch(original: Any, self: Any, since: int) -> None:
+        vars(self)["since"] = since
+        original(self, since)
+
+    @patch.around(Watchdog, "_due")
+    def due(original: Any, self: Any) -> int:
+        return min(original(self), vars(self)["since"] + 2**31 * CYCLES_PER_TICK)
+
+
+# The sync line
+
+
+@mutant("BLK-019", "CHN-026")
+def sync_period_of_a_clock_block_is_32_bits(patch: Patch) -> None:
+    """The acknowledgement of a CLOCK names the period of the last pulse in 32 bits, which wrap after 30 hours."""
+
+    @patch.around(Controller, "_ack")
+    def ack(original: Any, self: Any, arrived: int, *rest: Any) -> Any:
+        found = original(self, arrived, *rest)
+        is_clock = found.commit_period and found.commit_period <= found.now_period
+        return replace(found, commit_period=found.commit_period % WORD) if is_clock else found
+
+
 # Total drives
 
 

@@ -181,8 +181,17 @@ def test_what_is_no_change_has_no_commit_period(bench: Bench, body: Body) -> Non
 
 @case("ACK-002", "TIM-002/1")
 def test_now_is_when_the_block_had_arrived(bench: Bench) -> None:
-    """`now` lies between two readings of the clock, and blocks of one transfer are as far apart as a line allows."""
+    """`now` lies between two readings of the clock, and blocks of one transfer are as far apart as a line allows.
+
+    It is no later than a reading that was asked for before the acknowledgement came.
+    """
     bench.must(NoOp())
+    bench.line.send_blocks(pack(bench.numbered(NoOp())), PATIENCE_SECONDS)
+    behind = bench.clock().now
+    came = bench.line.receive_records(PATIENCE_SECONDS)
+    bench.note("records", came)
+    now = AckFields(*ACK.unpack(came)).now
+    assert now <= behind, f"now is {now}, should be {behind} or earlier, as the clock was asked for after the block"
     before = bench.clock().now
     found = answers(bench, *blocks_of(bench, [NoOp()] * (40 if bench.line.kind == "usb" else 4)))
     after = bench.clock().now

@@ -14,6 +14,7 @@ from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.dfu import RawDfuLine
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.player import soon
+from phasewire.hil.conformance.tools.watchdog import await_firing, patience
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -49,6 +50,8 @@ ARRAY, CONSOLE, CONSOLE_DATA, FIRMWARE = 0, 1, 2, 3
 SOON = 5.0
 """For what comes at once, with a margin for a busy computer."""
 """Seconds within which a device that can answer has answered, however slow the host is."""
+COMMAND_SECONDS = 0.05
+"""Time for a command of the console; clause SER-013 allows 20 ms until its answer begins."""
 LONG_READ = 10.0
 QUIET = 0.03
 """Seconds in which an unwanted transfer would have come."""
@@ -888,11 +891,15 @@ def test_the_console_is_a_console_again_after_configuration(bench: Bench) -> Non
 # One interface and another
 
 
-@case("USB-025", features=Feature.CONSOLE, line="usb")
+@case("USB-025", "CON-004", "SAF-003", "ACK-006", features=Feature.CONSOLE, line="usb")
 def test_a_console_that_is_not_read_holds_up_nothing(bench: Bench) -> None:
-    """Blocks, records and requests go on while the console is not read and its endpoint is full."""
+    """Commands, blocks, records, requests and the watchdog go on while nobody reads the console, whose text is full."""
     set_dtr(bench, 0)
     set_dtr(bench, 1)
+    for command, state in ((b"watchdog 60000\renable\r", State.READY), (b"stop\r", State.OFF)):
+        type_in(bench, command)
+        bench.outlast(COMMAND_SECONDS)
+        expect(f"the state after {command!r}, with no answer read", bench.status().state, state)
     for _ in range(20):
         if bench.usb.write(CONSOLE_OUT, b"help\r" * 40, 0.01) < 200:
             break
@@ -904,8 +911,14 @@ def test_a_console_that_is_not_read_holds_up_nothing(bench: Bench) -> None:
     expect("the flags of an update", ack.flags, AckFlag(0))
     bench.wait_until(ack.commit_period)
     expect("the state", bench.status().state, State.PLAYING)
+    bench.listen()
+    bench.unasked.clear()
+    bench.order(Request.WATCHDOG, patience(bench))
+    alive = bench.status().now
+    await_firing(bench, alive, alive, patience(bench))
+    bench.enable()
     set_dtr(bench, 0)
-    expect("the state once DTR is low", bench.status().state, State.PLAYING)
+    expect("the state once DTR is low", bench.status().state, State.READY)
 
 
 @case("USB-025", line="usb")

@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Need, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
 from phasewire.hil.conformance.tools.clocks import compare_clocks
 from phasewire.hil.conformance.tools.player import FAST_PERIODS, Player, block_periods, is_fast
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, Wrong, forge, refuse
+from phasewire.hil.conformance.tools.watchdog import await_firing
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -20,19 +22,24 @@ from phasewire.protocol.blocks import (
     Samples,
     Slot,
     Update,
+    pack,
 )
 from phasewire.protocol.board import CHANNELS, TICK_HZ
-from phasewire.protocol.codes import Action, Feature, Reason, State
+from phasewire.protocol.codes import BLOCK_BYTES, RECORD_BYTES, Action, Feature, Reason, Request, State
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import Status
 
 WALL_SECONDS = 8.0
 """Time that a case may take if the device runs on the host's clock."""
 DEVICE_SECONDS = 300
+FED_SECONDS, FED_EVERY_SECONDS, SOON_MS = 2**32 / TICK_HZ + 60, 40.0, 1000
 SETTLED_PERIODS = 400
 MOST_PPM = 1000
 """More than the greatest difference of two quartz clocks."""
 BOTH = Feature.SEQUENCES | Feature.MODULATION
+PAST_A_BYTE, PAST_TWO_BYTES = 256, 65_536
+AT_ONCE, TAKEN_SECONDS = 256, 0.01
+"""Blocks of a transfer, and for how long they may wait: the records of some must be read first."""
 COUNTERS = ("refused", "late", "lost", "missed_commits", "damaged_messages", "dropped_frames")
 
 
@@ -46,11 +53,11 @@ def check_counters(bench: Bench, before: Status, **counted: int) -> Status:
     return after
 
 
-def let_pass(bench: Bench, seconds: float) -> float:
-    """Let the device's time pass with a sign of life each second, within the host's time; returns how much passed."""
+def let_pass(bench: Bench, seconds: float, every: float = 1.0) -> float:
+    """Let the device's time pass with signs of life, within the host's time; returns how much passed."""
     wall, began = time.perf_counter() + WALL_SECONDS, bench.clock().now
     while (passed := (bench.clock().now - began) / TICK_HZ) < seconds and time.perf_counter() < wall:
-        bench.keep_alive(min(1.0, seconds - passed), every=1.0)
+        bench.keep_alive(min(every, seconds - passed), every=every)
     bench.note("device time that passed", f"{passed:.3f} s")
     return passed
 
@@ -127,6 +134,36 @@ def test_no_place_in_the_queue_is_lost(bench: Bench) -> None:
     expect("free places after DISABLE", bench.status().free, bench.info.queue_blocks)
 
 
+@case("REQ-003", "NUM-003", "BLK-005")
+def test_counts_of_blocks_go_on_past_a_byte(bench: Bench) -> None:
+    """More than 255 blocks that are accepted, refused, late or lost are counted in STATUS whole."""
+    Player(bench)
+    bench.must(NoOp())
+    before = bench.status()
+    refuse(bench, [Wrong("a wrong checksum", forge(bench, NoOp(), checksum=0), Reason.CHECKSUM)] * PAST_A_BYTE)
+    acks = bench.send_all([Update(SILENT, 1)] * PAST_A_BYTE)  # the number of the refused block is lost
+    expect("how many changes for period 1 are LATE", sum(ack.late for ack in acks), PAST_A_BYTE)
+    bench.must(NoOp(), number=(acks[-1].sequence + PAST_A_BYTE) % 2**32)
+    check_counters(bench, before, accepted=PAST_A_BYTE + 1, refused=PAST_A_BYTE, late=PAST_A_BYTE, lost=PAST_A_BYTE)
+
+
+@case("REQ-003", "BLK-020", needs=[Need.FREE_TIME])
+def test_counts_of_blocks_go_on_past_two_bytes(bench: Bench) -> None:
+    """More than 65 535 accepted and as many refused blocks are counted in STATUS whole."""
+    if not is_fast(bench):
+        raise Inconclusive("this line would take an hour for so many blocks")
+    with bench.spare() as device:
+        device.must(NoOp())
+        before = device.status()
+        for block in (pack(device.numbered(NoOp(), restart=True)), forge(device, NoOp(), checksum=0)):
+            sent = answered = 0
+            while answered < PAST_TWO_BYTES * RECORD_BYTES:
+                left = PAST_TWO_BYTES - sent // BLOCK_BYTES
+                sent += device.line.send_blocks(block * min(left, AT_ONCE), TAKEN_SECONDS) if left else 0
+                answered += len(device.line.receive_records(TAKEN_SECONDS))
+        check_counters(device, before, accepted=PAST_TWO_BYTES, refused=PAST_TWO_BYTES)
+
+
 @case("NUM-004", "NUM-002", "NUM-003", "BLK-020", "REQ-003")
 def test_many_sessions_follow_each_other(bench: Bench) -> None:
     """Session after session begins with RESTART and its own number, and none reports a loss."""
@@ -188,15 +225,22 @@ def test_a_modulated_sequence_stays_in_step_for_minutes(bench: Bench) -> None:
     player.judge(last - 600, last)
 
 
-@case("TIM-004", "CHN-018", needs=[Need.CAPTURE])
+@case("TIM-004", "CHN-018", "SAF-003", outputs=("TIM-004", "CHN-018"))
 def test_an_update_plays_on_for_minutes(bench: Bench) -> None:
-    """An update plays on unchanged for minutes, or seconds on the host's clock, and another follows in time."""
+    """An update plays on while its host gives signs of life, and no longer; meanwhile another follows in time.
+
+    Where the device's time is free these are 40 s apart, for longer than 32 bits count ticks; else it takes seconds.
+    """
     player = Player(bench)
     player.send(Update(bench.weak()))
     bench.wait_periods(SETTLED_PERIODS)
     before = bench.status()
-    let_pass(bench, DEVICE_SECONDS)
+    let_pass(bench, FED_SECONDS, every=FED_EVERY_SECONDS if bench.can(Need.FREE_TIME) else 1.0)
     period = player.soon()
     player.send(Update(bench.weak(), period))
     check_counters(bench, before, accepted=1)
     player.judge(period - 300, period + 100)
+    ms = LONG_MS if bench.can(Need.FREE_TIME) else SOON_MS
+    bench.order(Request.WATCHDOG, ms)
+    last = bench.status().now
+    await_firing(bench, last, last, ms)

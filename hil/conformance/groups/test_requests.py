@@ -8,7 +8,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
-from phasewire.emulator.faults import FlippedBit, HotBoard
+from phasewire.emulator.faults import FlippedBit, HotBoard, InjectedFault, WrongSupply
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect, not_allowed, unmet
 from phasewire.hil.conformance.tools.clocks import compare_clocks
@@ -46,12 +46,14 @@ from phasewire.protocol.blocks import (
 )
 from phasewire.protocol.board import CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import (
+    ENTRIES_PER_BLOCK,
     PAYLOAD_BYTES,
     SERIAL_DATA_BYTES,
     SYNC_PERIODS,
     Action,
     Fault,
     Feature,
+    Hardware,
     Reason,
     Request,
     State,
@@ -73,6 +75,8 @@ DATA = (b"\0", b"\1\2\3\4", bytes(64))
 """Values that no request takes."""
 ENTRIES_FEATURES = Feature.SEQUENCES | Feature.MODULATION
 COUNTERS = ("accepted", "refused", "late", "lost")
+LOADS, MANY = 10, 260
+"""Loads of a full block of entries for a processor (BUD-007), and more than a byte counts."""
 
 
 def ask(bench: Bench, request: int, length: int, value: int = 0, index: int = 0) -> bytes | None:
@@ -244,15 +248,16 @@ def _enabled(bench: Bench) -> bool:
 # INFO and WIRING
 
 
-@case("REQ-002", "VER-001", "VER-003", "BLK-024", "ACK-001", "SAF-003", "SAF-006")
+@case("REQ-002", "VER-001", "VER-003", "BLK-024", "ACK-001", "SAF-003", "SAF-006", "FWU-005")
 def test_info_says_what_the_specification_demands(bench: Bench) -> None:
     """INFO's 64 bytes match the rest of the specification: clocks, grid, room, limits, and zeros in the last 16."""
     data = bench.ask(Request.INFO)
-    oldest, newest, _, *firmware, boards = struct.unpack_from("<BBHBBBB", data)
+    oldest, newest, hardware, *firmware, boards = struct.unpack_from("<BBHBBBB", data)
     carrier, features, channels, columns, rows, pitch = struct.unpack_from("<IHHBBH", data, 16)
     a_board, ticks, width, wires, cycles, queue = data[28:34]
     a_update, records, slots, entries, samples, limit, watchdog = struct.unpack_from("<7H", data, 34)
     assert 1 <= oldest <= newest, f"it speaks versions {oldest} to {newest}"
+    assert hardware in list(Hardware), f"hardware is {hardware}, should be one of {[code.value for code in Hardware]}"
     expect("boards", boards, 5)
     expect("processors_per_board", a_board, 2)
     expect("channels", channels, CHANNELS)
@@ -797,21 +802,21 @@ def test_the_warmest_board_is_in_the_status(bench: Bench) -> None:
 
 @case("REQ-008", "REQ-003", "CHN-004/2", "SAF-008", needs=(Need.FAULTS,), features=Feature.SEQUENCES)
 def test_what_went_wrong_on_the_chain_is_added_up(bench: Bench) -> None:
-    """Damaged slices count as missed commits and damaged loads as damaged messages; STATUS adds them up."""
+    """Damaged slices count as missed commits and damaged loads as damaged messages, past 255; STATUS adds them up."""
     begin(bench)
-    for processor in (2, 7, 7):
-        bench.levers.cause(FlippedBit(message="slice", processor=processor, token=20))
-        bench.wait_until(bench.must(Update(bench.weak(0.1))).commit_period)
-    for processor in (0, 9):
-        bench.levers.cause(FlippedBit(message="load", processor=processor, token=20))
-        bench.must(Slot(0, SILENT))
+    for processor, times in ((2, 1), (7, MANY)):
+        bench.levers.cause(FlippedBit(message="slice", processor=processor, token=20, times=times))
+        bench.wait_until(bench.send_all([Update(bench.weak(0.1))] * times)[-1].commit_period)
+    for processor, times in ((0, LOADS), (9, MANY)):
+        bench.levers.cause(FlippedBit(message="load", processor=processor, token=20, times=times))
+        bench.send_all([Entries((Entry(0, 1),) * ENTRIES_PER_BLOCK)] * (times // LOADS))
         bench.wait(0.01)
     bench.outlast(0.03)
     reports, status = bench.processors(), bench.status()
-    expect("missed_commits", [report.missed_commits for report in reports], [0, 0, 1, 0, 0, 0, 0, 2, 0, 0])
-    expect("damaged_messages", [report.damaged_messages for report in reports], [1, *[0] * 8, 1])
-    expect("missed_commits in STATUS", status.missed_commits, 3)
-    expect("damaged_messages in STATUS", status.damaged_messages, 2)
+    expect("missed_commits", [report.missed_commits for report in reports], [0, 0, 1, 0, 0, 0, 0, MANY, 0, 0])
+    expect("damaged_messages", [report.damaged_messages for report in reports], [LOADS, *[0] * 8, MANY])
+    expect("missed_commits in STATUS", status.missed_commits, MANY + 1)
+    expect("damaged_messages in STATUS", status.damaged_messages, MANY + LOADS)
     expect("faults in STATUS", status.faults, Fault.CHAIN)
 
 
@@ -938,19 +943,26 @@ def test_clear_faults_without_a_fault_does_nothing(bench: Bench) -> None:
     check_same(before, bench.status())
 
 
+CAUSES: dict[Fault, list[tuple[InjectedFault, bool]]] = {
+    Fault.TEMPERATURE: [(HotBoard(board=4, celsius=celsius), celsius < 80) for celsius in (90, 80, 79)],
+    Fault.SUPPLY: [(WrongSupply(board=4, millivolts=volts * 1000), volts == 12) for volts in (19, 11, 12)],
+}
+"""What happens on the last board alone, and whether the fault can be cleared then."""
+
+
 @case("REQ-011", "SAF-007/1", "SAF-008", "STA-003", needs=(Need.FAULTS,))
-def test_faults_are_cleared_when_their_cause_is_gone(bench: Bench) -> None:
-    """A board above 80 °C keeps TEMPERATURE and the state FAULT; below, CLEAR_FAULTS clears them."""
-    bench.levers.cause(HotBoard(board=4, celsius=90))
-    await_state(bench, State.FAULT)
-    for celsius, cleared in ((90, False), (80, False), (79, True)):
-        bench.levers.cause(HotBoard(board=4, celsius=celsius))
+@pytest.mark.parametrize("fault", CAUSES, ids=["temperature", "supply"])
+def test_faults_are_cleared_when_their_cause_is_gone(bench: Bench, fault: Fault) -> None:
+    """The last board alone keeps a fault and the state FAULT until its cause is gone; then CLEAR_FAULTS clears it."""
+    for cause, cleared in CAUSES[fault]:
+        bench.levers.cause(cause)
+        await_state(bench, State.FAULT)
         bench.outlast(0.03)
-        expect("faults before CLEAR_FAULTS", bench.status().faults, Fault.TEMPERATURE)
+        expect("faults before CLEAR_FAULTS", bench.status().faults, fault)
         bench.order(Request.CLEAR_FAULTS)
         status = bench.status()
-        expect(f"faults at {celsius} °C", status.faults, Fault(0) if cleared else Fault.TEMPERATURE)
-        expect(f"the state at {celsius} °C", status.state, State.OFF if cleared else State.FAULT)
+        expect(f"faults after {cause}", status.faults, Fault(0) if cleared else fault)
+        expect(f"the state after {cause}", status.state, State.OFF if cleared else State.FAULT)
         expect("whether ENABLE is accepted", bench.try_order(Request.ENABLE), cleared)
 
 

@@ -29,7 +29,7 @@ from phasewire.hil.conformance.tools.exchange import (
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
 from phasewire.hil.conformance.tools.steps import LONG_MS, enable
-from phasewire.protocol.blocks import NoOp, Update, pack
+from phasewire.protocol.blocks import NoOp, Slot, Update, pack
 from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import (
     BLOCK_BYTES,
@@ -304,6 +304,12 @@ def test_a_damaged_frame_is_dropped(bench: Bench, frames: RawSerialLine, what: s
     damage(bench, frames, DAMAGED[what])
 
 
+@case("SER-006", "REQ-003")
+def test_damaged_frames_are_counted_past_a_byte(bench: Bench, frames: RawSerialLine) -> None:
+    """256 damaged frames are all counted."""
+    damage(bench, frames, (stuffed(b"\1") + b"\0") * 256, count=256)
+
+
 @case("SER-006", "SER-015")
 def test_flipped_bits_are_found(bench: Bench, frames: RawSerialLine) -> None:
     """Frames with one to three flipped bits, or a burst of 32, have no effect: CRC-32 detects them all."""
@@ -467,11 +473,15 @@ def test_every_tag_is_echoed_in_order(bench: Bench, frames: RawSerialLine) -> No
 
 @case("SER-001")
 def test_both_directions_may_be_busy_at_once(bench: Bench, frames: RawSerialLine) -> None:
-    """A block that arrives while the device sends a long reply is judged: a line carries both directions."""
+    """A block that arrives while the device sends a long reply is judged, and `now` is the tick at which it came."""
     wiring, block = bench.ask(Request.WIRING), no_op(bench)
     frames.forget()
     frames.write(request_frame(1, Setup(VENDOR_IN, Request.WIRING, 0, 0, MOST_DATA)) + frame(BLOCK, block))
-    expect("the reason of the block", await_ack(frames, block).reason, Reason.ACCEPTED)
+    behind = bench.clock().now
+    bench.wait(QUIET_SECONDS)
+    ack = await_ack(frames, block)
+    expect("the reason of the block", ack.reason, Reason.ACCEPTED)
+    assert ack.now <= behind, f"the block had arrived by tick {behind}; its acknowledgement says {ack.now}"
     expect("the replies", frames.frames(REPLY), [bytes([1, DONE]) + wiring])
 
 
@@ -564,6 +574,22 @@ def test_an_answer_that_was_not_sent_is_dropped_with_the_mode(bench: Bench, fram
     bench.wait(QUIET_SECONDS)
     frames.hang_up()
     expect("what comes of the reply", frames.rest(), b"")
+
+
+@case("SER-010")
+@pytest.mark.parametrize("kind", ["request", "block"])
+def test_an_answer_does_not_reach_the_next_host(bench: Bench, frames: RawSerialLine, kind: str) -> None:
+    """A host that hangs up right after a question leaves no answer to the next one, which enters frames at once."""
+    question = request_frame(99, Setup(VENDOR_IN, Request.PULSES, 0, 0, ANSWER_BYTES[Request.PULSES]))
+    if kind == "block":
+        is_stored = Feature.SEQUENCES in bench.info.features  # what goes onto the chain may be answered later
+        question = frame(BLOCK, pack(bench.numbered(Slot(0, Pulses.silent(CHANNELS)) if is_stored else NoOp())))
+    frames.write(question)
+    frames.hang_up()
+    frames.write(b"\0" + request_frame(5, ASK_CLOCK))
+    frames.rest(MOST_FRAME_BYTES)
+    expect("the tags of the replies to the next host", [body[0] for body in frames.frames(REPLY)], [5])
+    expect("the acknowledgements to it", acks(frames), [])
 
 
 @case("SER-010", "ACK-006", "CON-002")

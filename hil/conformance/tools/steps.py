@@ -12,7 +12,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from ....protocol.blocks import AmplitudeModulation, Body, Entries, NoOp, Output, PlaySequence, Samples, Slot, pack
+from ....protocol.blocks import (
+    AmplitudeModulation,
+    Body,
+    Clock,
+    Entries,
+    NoOp,
+    Output,
+    PlaySequence,
+    Samples,
+    Slot,
+    pack,
+)
 from ....protocol.board import CHANNELS, TICKS_PER_PERIOD
 from ....protocol.codes import BLOCK_BYTES, RECORD_BYTES, SYNC_PERIODS, AckFlag, Action, Feature, Reason, Request, State
 from ....protocol.pulses import Pulses
@@ -209,7 +220,7 @@ def check_same(before: Status, after: Status, **changes: object) -> None:
 
 
 def check_sync(bench: Bench) -> None:
-    """Fail unless CLOCK names the newest multiple of 4096 periods, and at least one pulse for each that began.
+    """Fail unless CLOCK, request and block, names the newest multiple of 4096 periods, and a pulse for each that began.
 
     A device that shares its sync line may have counted more, before its own period 0 (clause CHN-026).
     """
@@ -219,6 +230,8 @@ def check_sync(bench: Bench) -> None:
         reading = bench.clock()
     period = reading.now // TICKS_PER_PERIOD
     expect("sync_period", reading.sync_period, period - period % SYNC_PERIODS)
+    ack = bench.must(Clock())
+    expect("the period in a CLOCK's acknowledgement", ack.commit_period, ack.now_period - ack.now_period % SYNC_PERIODS)
     least = reading.sync_period // SYNC_PERIODS + 1
     assert reading.sync_pulses >= least, f"sync_pulses is {reading.sync_pulses}, should be at least {least}"
 
