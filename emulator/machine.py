@@ -184,9 +184,9 @@ class Emulator:
         self._pulses_fail = False
         self.closed = False
         self.scheduler = Scheduler()
-        self.sync = SyncLine() if sync is None else sync
-        """The sync line that this device drives, or listens to."""
-        self._drives_sync = sync is None
+        self._own_sync = SyncLine()
+        self.sync = self._own_sync if sync is None else sync
+        """The sync line that this device drives, or listens to; another one holds from the next restart on."""
         self.tracer = Tracer()
         self.events: deque[Event] = deque(maxlen=LOG_EVENTS)
         self.open_since: dict[int, int] = {}
@@ -342,13 +342,17 @@ class Emulator:
         origin, faults = -(-self.scheduler.now // CYCLES_PER_TICK) * CYCLES_PER_TICK, booted.faults
         if self._drives_sync:
             self.sync.drive(origin)
-        elif (pulse := self.sync.next_pulse(origin)) is not None:
+        elif (pulse := self.sync.next_pulse(origin)) is not None and pulse <= origin + SYNC_WAIT_CYCLES:
             origin = pulse
             self.sync.listen(self._lose_sync)
         else:
             origin, faults = origin + SYNC_WAIT_CYCLES, faults | Fault.SYNC
         come_up = partial(self._come_up, booted._replace(faults=faults), identities, Timebase(origin))
         self._life.at(origin, come_up)
+
+    @property
+    def _drives_sync(self) -> bool:
+        return self.sync is self._own_sync
 
     def _lose_sync(self, cycle: int) -> None:
         """The device that drives the sync line begins anew."""

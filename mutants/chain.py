@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from ..emulator import machine
 from ..emulator.boards import processor
+from ..emulator.boards.sync import SyncLine
 from ..emulator.control import admission, known_faults
 from ..emulator.control.chain import Chain
 from ..emulator.control.known_faults import KnownFaults
@@ -94,6 +96,18 @@ def sync_may_be_off_by_100_ticks(patch: Patch) -> None:
 def missing_sync_pulses_are_not_noticed(original: Any, self: Any, tick: Any) -> Any:
     """A sync line without pulses raises no fault: each pulse is judged when it comes, and a missing one never comes."""
     return original(self, tick) if self.sync_connected else None
+
+
+@mutant("CHN-026", "TIM-002")
+def a_listener_begins_by_itself(patch: Patch) -> None:
+    """A device that listens on a sync line begins period 0 as soon as its chain is complete, and waits for no pulse."""
+    patch.replace(SyncLine, "next_pulse", lambda _self, cycle: cycle)
+
+
+@mutant("CHN-026", "TIM-002")
+def a_lone_listener_does_not_wait(patch: Patch) -> None:
+    """A device that listens on a sync line without pulses begins at once, with SYNC: it looks at the line once."""
+    patch.replace(machine, "SYNC_WAIT_CYCLES", 0)
 
 
 # Faults

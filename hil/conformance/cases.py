@@ -50,6 +50,7 @@ class Need(StrEnum):
     PLUG = "a cable that can be pulled"
     BUS = "a USB host besides the line of the blocks"
     FAULTS = "faults that can be caused"
+    SYNC = "a sync line that another device can drive"
     SPARE = "a second device, which may be broken for good"
     FREE_TIME = "a second device whose time costs nothing, so that hours may pass"
 

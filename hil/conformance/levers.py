@@ -17,9 +17,10 @@ from types import MappingProxyType
 from typing import Any
 
 from ...emulator import Emulator
+from ...emulator.boards.sync import SyncLine
 from ...emulator.faults import InjectedFault
 from ...errors import BenchError
-from ...protocol.board import CYCLES_PER_MS
+from ...protocol.board import CORE_HZ, CYCLES_PER_MS
 from ...protocol.codes import StandardRequest
 from ...protocol.requests import Setup
 from .cases import Inconclusive, Need
@@ -40,6 +41,7 @@ METHODS: Mapping[Need, tuple[str, ...]] = MappingProxyType(
         Need.PLUG: ("unplug", "plug"),
         Need.BUS: ("configure",),
         Need.FAULTS: ("cause",),
+        Need.SYNC: ("share_sync", "drive_sync"),
     }
 )
 """The methods that levers must have for a case's need."""
@@ -97,6 +99,17 @@ class Levers:
 
     def cause(self, fault: InjectedFault) -> str | None:
         """Cause a fault, by its name in `emulator.faults`."""
+        raise NotImplementedError
+
+    def share_sync(self, seconds: float | None) -> str | None:
+        """Let the device listen on its sync line from its next restart on (clause CHN-026).
+
+        Pulses of another device begin on the line so many seconds from now; with None there are none.
+        """
+        raise NotImplementedError
+
+    def drive_sync(self) -> str | None:
+        """Let the device drive its sync line again from its next restart on."""
         raise NotImplementedError
 
     def close(self) -> None:
@@ -182,6 +195,7 @@ class EmulatorLevers(Levers):
 
     def __init__(self, emulator: Emulator) -> None:
         self._emulator = emulator
+        self._own_sync = emulator.sync
 
     def power_down(self) -> None:
         """Take the power away."""
@@ -217,6 +231,16 @@ class EmulatorLevers(Levers):
     def cause(self, fault: InjectedFault) -> None:
         """Cause a fault."""
         self._emulator.inject(fault)
+
+    def share_sync(self, seconds: float | None) -> None:
+        """Let the device listen from its next restart on, to a line with or without pulses."""
+        self._emulator.sync = line = SyncLine()
+        if seconds is not None:
+            line.drive(self._emulator.scheduler.now + round(seconds * CORE_HZ))
+
+    def drive_sync(self) -> None:
+        """Let the device drive its sync line again from its next restart on."""
+        self._emulator.sync = self._own_sync
 
     def _pass(self, milliseconds: int) -> None:
         scheduler = self._emulator.scheduler

@@ -68,6 +68,8 @@ ROUND_SECONDS = 0.012
 ASKED_TICKS = 21 * TICKS_PER_MS // 2
 """Time within which a processor's report is known: a question every 10 ms, 0.5 ms to the answer (clause CHN-016)."""
 DEAF_MS = 50
+LISTENED_SECONDS, CLOCK_SECONDS = 5, 0.02
+"""How long a device listens for a pulse (clause CHN-026), and more than clocks of host and device differ by then."""
 NO_FAULTS = Fault(0)
 
 
@@ -811,6 +813,25 @@ def test_only_faults_whose_cause_is_gone_are_cleared(bench: Bench) -> None:
 def next_pulse(bench: Bench) -> int:
     """The period of a sync pulse, with enough time to prepare something before it."""
     return -(-soon(bench) // SYNC_PERIODS) * SYNC_PERIODS
+
+
+@pytest.mark.parametrize("pulses_after", [3.0, None], ids=["pulses", "no-pulses"])
+@case("CHN-026", "TIM-002/2", "SAF-008", needs=(Need.SYNC,), allow=(Risk.RESET,))
+def test_a_listener_begins_with_the_first_pulse(bench: Bench, pulses_after: float | None) -> None:
+    """A device that listens on a sync line begins with the first pulse, or after 5 s by itself, with the fault SYNC."""
+    began = bench.line.time.monotonic()
+    bench.levers.share_sync(pulses_after)
+    try:
+        bench.restart(lambda: bench.order(Request.RESET))
+        runs = bench.clock().now / TICK_HZ
+        most = bench.line.time.monotonic() - began - (LISTENED_SECONDS if pulses_after is None else pulses_after)
+        assert runs <= most + CLOCK_SECONDS, f"period 0 began {runs:.3f} s ago, should be {most:.3f} s ago at most"
+        status, faults = bench.status(), Fault.SYNC if pulses_after is None else NO_FAULTS
+        expect("the faults", status.faults, faults)
+        expect("the state", status.state, State.FAULT if faults else State.OFF)
+    finally:
+        bench.levers.drive_sync()
+        bench.restart(lambda: bench.order(Request.RESET))
 
 
 @pytest.mark.parametrize("where", ["one-board", "all-boards"])

@@ -25,7 +25,7 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import CHANNELS, TICK_HZ
-from phasewire.protocol.codes import BLOCK_BYTES, RECORD_BYTES, Action, Feature, Reason, Request, State
+from phasewire.protocol.codes import RECORD_BYTES, Action, Feature, Reason, Request, State
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import Status
 
@@ -38,8 +38,8 @@ MOST_PPM = 1000
 """More than the greatest difference of two quartz clocks."""
 BOTH = Feature.SEQUENCES | Feature.MODULATION
 PAST_A_BYTE, PAST_TWO_BYTES = 256, 65_536
-AT_ONCE, TAKEN_SECONDS = 256, 0.01
-"""Blocks of a transfer, and for how long they may wait: the records of some must be read first."""
+AT_ONCE_BYTES, TAKEN_SECONDS = 2**17, 0.01
+"""Bytes of a transfer, and for how long they may wait: the records of some must be read first."""
 COUNTERS = ("refused", "late", "lost", "missed_commits", "damaged_messages", "dropped_frames")
 
 
@@ -156,10 +156,11 @@ def test_counts_of_blocks_go_on_past_two_bytes(bench: Bench) -> None:
         device.must(NoOp())
         before = device.status()
         for block in (pack(device.numbered(NoOp(), restart=True)), forge(device, NoOp(), checksum=0)):
+            blocks = memoryview(block * PAST_TWO_BYTES)
             sent = answered = 0
             while answered < PAST_TWO_BYTES * RECORD_BYTES:
-                left = PAST_TWO_BYTES - sent // BLOCK_BYTES
-                sent += device.line.send_blocks(block * min(left, AT_ONCE), TAKEN_SECONDS) if left else 0
+                if sent < len(blocks):
+                    sent += device.line.send_blocks(bytes(blocks[sent : sent + AT_ONCE_BYTES]), TAKEN_SECONDS)
                 answered += len(device.line.receive_records(TAKEN_SECONDS))
         check_counters(device, before, accepted=PAST_TWO_BYTES, refused=PAST_TWO_BYTES)
 
