@@ -26,8 +26,8 @@ def _while(what: str, *memories: Memory) -> Callable[[Patch, Any], None]:
     """
 
     def plays(processor: Any) -> bool:
-        is_modulated, runs = processor._modulated, processor.history.runs
-        update = not runs and processor.history.segments().refs[-1] != SILENT
+        is_modulated, runs = bool(processor._modulated), bool(processor.history.runs)
+        update = not runs and bool(processor.history.segments().refs[-1] != SILENT)
         return {"update": update, "sequence": runs, "modulation": is_modulated, "both": runs and is_modulated}[what]
 
     def by(patch: Patch, change: Callable[[Any, int, bytes], tuple[int, bytes]]) -> None:

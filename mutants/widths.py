@@ -98,7 +98,7 @@ def watchdog_fires_31_bits_of_ticks_after_enable(patch: Patch) -> None:
         original(self, since)
 
     @patch.around(Watchdog, "_due")
-    def due(original: Any, self: Any) -> int:
+    def due(original: Any, self: Any) -> Any:
         return min(original(self), vars(self)["since"] + 2**31 * CYCLES_PER_TICK)
 
 
