@@ -400,7 +400,7 @@ def renewals(player: Player, what: str) -> list[tuple[list[Body], PlaySequence |
 def test_what_is_stored_while_something_plays_is_right(bench: Bench, what: str, under: str) -> None:
     """What is stored while something plays is whole and right on all ten processors, and disturbs nothing.
 
-    A part of it is played at once, another part later. PULSES shows slots and entries, the outputs all of it.
+    PULSES shows slots and entries, and the outputs show all of it, played at once or later.
     """
     require(bench, UNDER[under] | (Feature.MODULATION if what == "samples" else Feature.SEQUENCES))
     player = Player(bench)
