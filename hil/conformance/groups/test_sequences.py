@@ -369,56 +369,6 @@ def test_what_will_play_is_not_overwritten(bench: Bench) -> None:
     player.judge(period - 20, period + 20)
 
 
-def ended_by_update(player: Player) -> None:
-    """Let an update end what plays."""
-    ack = player.send(Update(player.bench.weak(), player.soon()))
-    player.bench.wait_until(ack.commit_period)
-
-
-def ended_by_silence(player: Player) -> None:
-    """Let SILENCE end what plays."""
-    ack = player.send(Output(Action.SILENCE))
-    player.bench.wait_until(ack.commit_period)
-
-
-def ended_by_sequence(player: Player) -> None:
-    """Let another sequence end what plays."""
-    store(player, [Entry(90, 1)], 900)
-    ack = player.send(PlaySequence(900, 1))
-    player.bench.wait_until(ack.commit_period)
-
-
-def ended_by_last_repeat(player: Player) -> None:
-    """Let what plays begin again and come to its end."""
-    ack = player.send(PlaySequence(10, 2, repeats=2))
-    player.bench.wait_until(ack.commit_period + 2 * 5)
-
-
-def ended_by_disable(player: Player) -> None:
-    """Disable the outputs and enable them again."""
-    player.bench.disable()
-    player.bench.wait_periods(1)
-    player.bench.enable()
-
-
-@case("BLK-022", features=SEQUENCES)
-@pytest.mark.parametrize(
-    "end",
-    [ended_by_update, ended_by_silence, ended_by_sequence, ended_by_last_repeat, ended_by_disable],
-    ids=["update", "silence", "sequence", "last-repeat", "disable"],
-)
-def test_what_has_ended_may_be_overwritten(bench: Bench, end: Callable[[Player], None]) -> None:
-    """As soon as the end of a sequence has taken effect its slots and entries may be stored again."""
-    player = Player(bench)
-    store(player, [Entry(1, 3), Entry(2, 2)], 10)
-    ack = player.send(PlaySequence(10, 2))
-    bench.wait_until(ack.commit_period + 1)
-    check_refused(bench, Slot(2, bench.weak()), Reason.IN_USE)
-    end(player)
-    bench.wait_periods(2)
-    player.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Entries((Entry(2, 2), Entry(1, 1)), 10)])
-
-
 @case("BLK-022", features=SEQUENCES)
 def test_what_two_sequences_share_stays_in_use(bench: Bench) -> None:
     """A slot that a queued sequence also plays stays in use when the sequence that played it first has ended."""
