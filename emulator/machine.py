@@ -186,7 +186,7 @@ class Emulator:
         self.scheduler = Scheduler()
         self._own_sync = SyncLine()
         self.sync = self._own_sync if sync is None else sync
-        """The sync line that this device drives, or listens to; another one holds from the next restart on."""
+        """The sync line that this device drives, or listens to."""
         self.tracer = Tracer()
         self.events: deque[Event] = deque(maxlen=LOG_EVENTS)
         self.open_since: dict[int, int] = {}
@@ -349,6 +349,10 @@ class Emulator:
             origin, faults = origin + SYNC_WAIT_CYCLES, faults | Fault.SYNC
         come_up = partial(self._come_up, booted._replace(faults=faults), identities, Timebase(origin))
         self._life.at(origin, come_up)
+
+    def share_sync(self, line: SyncLine | None) -> None:
+        """From the next restart on listen to a sync line or, without one, drive its own."""
+        self.sync = self._own_sync if line is None else line
 
     @property
     def _drives_sync(self) -> bool:

@@ -195,7 +195,6 @@ class EmulatorLevers(Levers):
 
     def __init__(self, emulator: Emulator) -> None:
         self._emulator = emulator
-        self._own_sync = emulator.sync
 
     def power_down(self) -> None:
         """Take the power away."""
@@ -234,13 +233,14 @@ class EmulatorLevers(Levers):
 
     def share_sync(self, seconds: float | None) -> None:
         """Let the device listen from its next restart on, to a line with or without pulses."""
-        self._emulator.sync = line = SyncLine()
+        line = SyncLine()
+        self._emulator.share_sync(line)
         if seconds is not None:
             line.drive(self._emulator.scheduler.now + round(seconds * CORE_HZ))
 
     def drive_sync(self) -> None:
         """Let the device drive its sync line again from its next restart on."""
-        self._emulator.sync = self._own_sync
+        self._emulator.share_sync(None)
 
     def _pass(self, milliseconds: int) -> None:
         scheduler = self._emulator.scheduler

@@ -32,7 +32,7 @@ from phasewire.emulator.faults import InjectedFault
 from phasewire.emulator.faults.fault import Lasting
 from phasewire.emulator.faults.messages import MESSAGES, DamagedMessage
 from phasewire.hil.conformance.cases import Inconclusive
-from phasewire.hil.conformance.levers import SET_CONFIGURATION, EmulatorLevers
+from phasewire.hil.conformance.levers import SET_CONFIGURATION, EmulatorLevers, Levers
 from phasewire.hil.conformance.sight.capture import Observer, Seen, Unseen, check_stretch
 from phasewire.hil.conformance.sight.marks import Mark
 from phasewire.protocol.board import CYCLES_PER_TICK, PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
@@ -400,7 +400,9 @@ class Sight(Observer):
 
 
 class Surroundings(EmulatorLevers):
-    """Power, bus, cable and faults."""
+    """Power, bus, cable and faults; the machine drives its sync line and listens to no other."""
+
+    share_sync, drive_sync = Levers.share_sync, Levers.drive_sync  # type: ignore[assignment]
 
     def configure(self) -> None:
         """Let a host on the bus reset and configure the device."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import pytest
 from phasewire.hil.conformance.bench import Bench
@@ -331,8 +332,8 @@ UNDER = {
     "both": Feature.SEQUENCES | Feature.MODULATION,
 }
 """What plays meanwhile, and what it needs; a modulation without a sequence lies over an update."""
-OWN = range(300, 303)
-"""The entries and the samples of what plays meanwhile; the slots are 0 to 2."""
+OWN = range(301, 304)
+"""The entries and the samples of what plays meanwhile, with whole blocks behind them; the slots are 0 to 2."""
 ENTRY_PERIODS, MEANWHILE = 3, 500
 """Periods of the longest entry, and those judged before new content plays."""
 
@@ -407,8 +408,9 @@ def test_what_is_stored_while_something_plays_is_right(bench: Bench, what: str, 
     (at_once, first), (later_on, second) = renewals(player, what)
     begin_to_play(player, under)
     before = let_stores_go(bench)
-    *_, ack = player.send_all([*at_once, first])
-    check_renewal(player, first, before.period, ack.commit_period)
+    *_, ack = player.send_all([*at_once, replace(first, first=first.first + first.count - 1, count=1)])  # goes last
+    player.judge(max(before.period, ack.commit_period - MEANWHILE), ack.commit_period + ENTRY_PERIODS)
+    check_renewal(player, first, ack.commit_period, player.send(first).commit_period)
     playing = bench.status()
     player.send_all(later_on)
     check_same(playing, let_stores_go(bench), accepted=(playing.accepted + len(later_on)) % 2**32)
