@@ -13,11 +13,9 @@ from ...protocol.board import CYCLES_PER_MS, PROCESSORS
 from ...protocol.chain import (
     Collect,
     Commit,
-    Identity,
     Message,
     Number,
     Playing,
-    Report,
     Slice,
     commit_checksum,
 )
@@ -25,7 +23,6 @@ from ...protocol.codes import CONTROLLER_NODE, LINK_MS, ChannelEnd
 from ...protocol.timing import HOP_CYCLES, Link
 from ..boards.executed import DOWN_LINK, UP_LINK, ExecutedProcessor, with_end
 from ..boards.links import Passage
-from ..boards.package import AMBIENT_C
 from ..scheduler import Scheduler
 from ..trace import Tracer
 from .agenda import Change, UpdateBatch
@@ -78,10 +75,6 @@ class ExecutedChain(Chain):
     def playing(self, number: int, period: int) -> Playing:
         """Not possible: only the firmware knows."""
         raise NotImplementedError("executed firmware is asked by messages only")
-
-    def first_report(self, number: int, identity: Identity) -> Report:
-        """Only its version is known before it was asked."""
-        return Report(number, AMBIENT_C, 0, identity.firmware, 0, 0, 0, 0)
 
     def send(self, change: Change) -> None:
         """Send the messages of a change (clause CHN-029)."""

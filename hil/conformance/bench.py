@@ -27,6 +27,7 @@ from ...protocol.board import CARRIER_HZ, CHANNELS, MAX_WIDTH_TICKS, TICK_HZ, TI
 from ...protocol.codes import (
     BLOCK_BYTES,
     PROTOCOL_VERSION,
+    RESTART_SECONDS,
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
     SILENT_PERIODS,
@@ -88,8 +89,8 @@ OFF_SECONDS = 0.1
 """How long a device is without power."""
 LEAVES_SECONDS = 2.0
 """Time for a device without power or cable to leave the bus."""
-RETURN_SECONDS = 15.0
-"""Time for a device to come back after a restart."""
+RETURN_SECONDS = RESTART_SECONDS + 1.0
+"""Time for a device to come back after a restart (clause TIM-002), and for the computer to find it."""
 SHOWN_BYTES = 64
 NOTED_BLOCKS = 8
 """Blocks of one transfer that are kept as evidence."""

@@ -845,7 +845,7 @@ def test_other_class_requests_to_the_console_stall(bench: Bench, setup: Setup, d
     expect("the line coding", line_coding(bench), coding)
 
 
-@case("USB-023", "CON-002", features=Feature.CONSOLE, line="usb")
+@case("USB-023", "CON-002", features=Feature.CONSOLE, line="usb", since=3)
 def test_a_console_is_silent_before_dtr(bench: Bench) -> None:
     """Without DTR the console sends nothing, not even an answer: text would mix with another host's frames."""
     bench.usb.set_configuration()

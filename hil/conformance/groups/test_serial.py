@@ -732,7 +732,7 @@ def test_a_second_block_that_would_wait_is_dropped(bench: Bench, frames: RawSeri
     expect("the count of lost blocks", after.lost, before.lost + 1)
 
 
-@case("SER-011", "ACK-006/1", "SAF-003")
+@case("SER-011", "ACK-006/1", "SAF-003", since=2)
 def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: RawSerialLine) -> None:
     """A block that waits does not feed the watchdog; when it fires, the block is judged first, then the record sent."""
     milliseconds = 400
