@@ -71,7 +71,7 @@ def bus_reset_keeps_playing(_: Any, self: Any, _door: Any) -> None:
 
 @mutant("TIM-002", "REQ-013", wraps=(Emulator, "_begin_numbering"))
 def a_start_takes_twenty_seconds(original: Any, self: Any, booted: Any) -> None:
-    """The device answers 20 s after RESET and power-up: it waits for its slowest part, and no clause had a bound."""
+    """The device answers 20 s after RESET and power-up: each of its parts waits for the slowest one."""
     self._life.at(self.scheduler.now + 20 * CORE_HZ, lambda: original(self, booted))
 
 

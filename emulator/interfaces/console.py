@@ -66,7 +66,7 @@ class Shown(NamedTuple):
         What remains to be carried out once the text is sent (clause CON-004); nothing typed after it was read. The
         device may refuse by `Stall` if its state has changed since.
     answers : bool
-        Whether the text answers a command (clause FWU-020), be it by a refusal.
+        Whether the text answers a command (clause FWU-020), even if by a refusal.
     """
 
     text: bytes

@@ -27,9 +27,9 @@ from ...protocol.board import CARRIER_HZ, CHANNELS, MAX_WIDTH_TICKS, TICK_HZ, TI
 from ...protocol.codes import (
     BLOCK_BYTES,
     PROTOCOL_VERSION,
-    RESTART_SECONDS,
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
+    RESTART_SECONDS,
     SILENT_PERIODS,
     Flag,
     Reason,

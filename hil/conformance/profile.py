@@ -1,6 +1,7 @@
 """Profiles: what a device's makers declare of it before it is judged, in TOML.
 
-The revision of the specification that it keeps; what it lacks, each with a reason; its numbers on USB; and the outputs at which a logic analyser's probes sit::
+The revision of the specification that it keeps; what it lacks, each with a reason; its numbers on USB; and the outputs
+at which a logic analyser's probes sit::
 
     name = "revision C without a UART"
     revision = 2

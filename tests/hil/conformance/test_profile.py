@@ -113,7 +113,7 @@ def test_a_transducer_s_probe_sits_where_the_device_is_wired(whole: Profile) -> 
         ("", "name: it is missing; it must be text"),
         ("name = ' '", "name = ' ': it must be text that is not empty"),
         ("name = 7", "name = 7: it must be text"),
-        ("name = 'x'\nvendor = 1", "vendor = 1: no such key; known are name, revision, not-applicable, device, capture"),
+        ("name = 'x'\nvendor = 1", "vendor = 1: no such key; known are name, revision, not-applicable, device"),
         ("name = 'x'\ndevice = 7", "device = 7: it must be a table, which begins with [device]"),
         ("name = 'x'\n[device]\nserial = 'A'", "[device]: serial = 'A': no such key; known are vendor, product"),
         ("name = 'x'\n[device]\nvendor = 65536", "[device]: vendor = 65536: it must be a number of 16 bits"),
