@@ -11,7 +11,6 @@ from ..emulator.control.state_machine import StateMachine
 from ..emulator.interfaces.usb_functions import ArrayFunction
 from ..emulator.machine import Emulator
 from ..emulator.ports.capture import Forced
-from ..protocol.board import CORE_HZ
 from ..protocol.replies import ENABLED
 from ..protocol.states import StateEvent
 from .patching import Patch, mutant
@@ -67,12 +66,6 @@ def bus_reset_keeps_playing(_: Any, self: Any, _door: Any) -> None:
 
 
 # Restarts
-
-
-@mutant("TIM-002", "REQ-013", wraps=(Emulator, "_begin_numbering"))
-def a_start_takes_twenty_seconds(original: Any, self: Any, booted: Any) -> None:
-    """The device answers 20 s after RESET and power-up: each of its parts waits for the slowest one."""
-    self._life.at(self.scheduler.now + 20 * CORE_HZ, lambda: original(self, booted))
 
 
 def _keep_over_reset(patch: Patch, save: Callable[[Any], Any], restore: Callable[[Any, Any], None]) -> None:

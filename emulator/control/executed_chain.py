@@ -13,9 +13,11 @@ from ...protocol.board import CYCLES_PER_MS, PROCESSORS
 from ...protocol.chain import (
     Collect,
     Commit,
+    Identity,
     Message,
     Number,
     Playing,
+    Report,
     Slice,
     commit_checksum,
 )
@@ -23,6 +25,7 @@ from ...protocol.codes import CONTROLLER_NODE, LINK_MS, ChannelEnd
 from ...protocol.timing import HOP_CYCLES, Link
 from ..boards.executed import DOWN_LINK, UP_LINK, ExecutedProcessor, with_end
 from ..boards.links import Passage
+from ..boards.package import AMBIENT_C
 from ..scheduler import Scheduler
 from ..trace import Tracer
 from .agenda import Change, UpdateBatch
@@ -75,6 +78,11 @@ class ExecutedChain(Chain):
     def playing(self, number: int, period: int) -> Playing:
         """Not possible: only the firmware knows."""
         raise NotImplementedError("executed firmware is asked by messages only")
+
+    def first_report(self, number: int, identity: Identity) -> Report:
+        """What it will answer as soon as it is asked, unless something may damage its answers."""
+        report = super().first_report(number, identity)
+        return report if self._tampers else replace(report, temperature_c=AMBIENT_C)
 
     def send(self, change: Change) -> None:
         """Send the messages of a change (clause CHN-029)."""
