@@ -14,7 +14,7 @@ from ..emulator.interfaces.usb_device import UsbDevice
 from ..emulator.interfaces.usb_functions import ArrayFunction, ConsoleFunction
 from ..protocol.board import CHANNELS, CYCLES_PER_MS, WATCHDOG_MS
 from ..protocol.codes import BLOCK_BYTES, Reason
-from ..protocol.enumeration import CONSOLE_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT
+from ..protocol.enumeration import CONSOLE_ENDPOINT_IN, CONSOLE_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT
 from ..protocol.requests import Setup
 from .patching import Patch, mutant
 
@@ -228,6 +228,13 @@ def line_coding_outlives_the_session(original: Any, self: Any, configuration: in
     kept = self._line_coding
     original(self, configuration)
     self._line_coding = kept
+
+
+@mutant("USB-019", wraps=(ConsoleFunction, "__init__"))
+def full_packets_of_text_end_a_transfer(original: Any, self: Any, line: Any, packet_bytes: int) -> None:
+    """No empty packet comes on 83 IN after a full one: only records are sent with one."""
+    original(self, line, packet_bytes)
+    self.ins = self.ins | {CONSOLE_ENDPOINT_IN: lambda: line.take(packet_bytes) or Handshake.NAK}
 
 
 @mutant("USB-026", "SER-010")

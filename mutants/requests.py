@@ -9,6 +9,7 @@ import numpy as np
 
 from ..emulator.boards import processor
 from ..emulator.control import known_faults, requests, supervisor
+from ..emulator.control.chain import Chain
 from ..emulator.control.requests import Requests
 from ..emulator.door import Stall
 from ..emulator.interfaces.serial_line import SerialLine
@@ -119,6 +120,12 @@ def sync_pulses_are_not_counted(original: Any, self: Any) -> Any:
 def processors_are_told_from_the_far_end(original: Any, reports: Any) -> Any:
     """PROCESSORS answers the reports in reverse order of the chain: they are pushed onto a stack."""
     return original(reports[::-1])
+
+
+@mutant("REQ-008", wraps=(Chain, "first_report"))
+def the_identity_of_a_processor_is_forgotten(original: Any, self: Any, number: int, identity: Any) -> Any:
+    """Until a processor has answered a question its firmware is 0.0.0: numbering keeps the number alone."""
+    return replace(original(self, number, identity), firmware=(0, 0, 0))
 
 
 # PULSES

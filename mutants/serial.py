@@ -9,13 +9,14 @@ from typing import Any
 from cobs import cobs
 
 from ..emulator.control.dispatch import Dispatch
+from ..emulator.doors.uart import Uart
 from ..emulator.interfaces import serial_line
 from ..emulator.interfaces.console import Console
-from ..emulator.interfaces.serial_line import SerialLine
+from ..emulator.interfaces.serial_line import FULL_BYTES, SerialLine
 from ..emulator.interfaces.usb_functions import ConsoleFunction
 from ..errors import FrameError
 from ..protocol import framing
-from ..protocol.board import CYCLES_PER_MS
+from ..protocol.board import CYCLES_PER_MS, CYCLES_PER_TICK
 from ..protocol.codes import REQUEST_TYPE_OUT, SERIAL_DATA_BYTES, FrameKind, Outcome, Request
 from ..protocol.console import PROMPT
 from ..protocol.framing import DELIMITER, MAX_FRAME_BYTES, FrameReader, LineReader, SerialFrame, SerialReply
@@ -33,6 +34,36 @@ REQUEST_HEAD_BYTES = 10
 def a_block_that_waits_is_judged_after_the_event_is_told(original: Any, self: Any) -> Any:
     """A block that waits for room is judged a millisecond later, in another task: the record goes first."""
     return self.scheduler.at(self.now + CYCLES_PER_MS, lambda: original(self))
+
+
+@mutant("SAF-003", "SER-011", wraps=(SerialLine, "_try_again"))
+def a_block_that_waited_counts_from_its_arrival(original: Any, self: Any, waiting: Any) -> None:
+    """A block that has waited for room feeds the watchdog with the time of its arrival: `now` of its answer."""
+    watchdog = self._controller._machine.watchdog
+    before = watchdog._fed
+    original(self, waiting)
+    if watchdog._fed != before:
+        watchdog._fed = max(before, self._controller.time.origin + waiting.arrived * CYCLES_PER_TICK)
+
+
+@mutant("SER-013", wraps=(SerialLine, "_say"))
+def text_that_finds_no_room_is_dropped(original: Any, self: Any, text: bytes) -> None:
+    """Text of the console for which the buffer has no room is lost, because nobody seems to read."""
+    if len(text) <= FULL_BYTES - self.pending:
+        original(self, text)
+
+
+@mutant("TIM-002", "SER-010", url=OVER_UART, wraps=(Uart, "run"))
+def what_arrives_during_a_start_is_kept(original: Any, self: Any) -> None:
+    """The UART's driver keeps what arrives while the device starts, and hands it over afterwards."""
+    waiting, line = bytes(self._to_device), self._line()
+    kept = vars(self).setdefault("kept", bytearray())
+    if line is not None and kept:
+        line.receive(bytes(kept))
+        kept.clear()
+    original(self)
+    if line is None:
+        kept += waiting[: len(waiting) - len(self._to_device)]
 
 
 # Frames

@@ -44,10 +44,12 @@ __all__ = [
     "NOW",
     "NUMBER_MS",
     "PAYLOAD_BYTES",
+    "PROTOCOL_REVISION",
     "PROTOCOL_VERSION",
     "RECORD_BYTES",
     "REQUEST_TYPE_IN",
     "REQUEST_TYPE_OUT",
+    "RESTART_SECONDS",
     "SAMPLES_PER_BLOCK",
     "SEGMENT_MAX_BYTES",
     "SEQUENCE_ENTRIES",
@@ -88,6 +90,10 @@ __all__ = [
 ]
 
 PROTOCOL_VERSION = 1
+PROTOCOL_REVISION = 3
+"""Of the text of that version (clause VER-009)."""
+RESTART_SECONDS = 15
+"""In which a device answers after power-up and all that restarts it (clause TIM-002)."""
 
 BLOCK_MAGIC = b"PW"
 BLOCK_BYTES = 512

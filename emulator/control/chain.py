@@ -118,9 +118,9 @@ class Chain(ABC):
     def playing(self, number: int, period: int) -> Playing:
         """What a processor of a folded chain plays in a period."""
 
-    @abstractmethod
     def first_report(self, number: int, identity: Identity) -> Report:
-        """What is known of a processor, by its number and what it said of itself, when period 0 begins."""
+        """What is known of a processor when period 0 begins, before it has answered a question (clause REQ-008)."""
+        return Report(number, 0, 0, identity.firmware, 0, 0, 0, 0)
 
     @abstractmethod
     def _bring(self, passage: Passage, message: Message, passing: Passing) -> None:
@@ -265,8 +265,10 @@ class ModelledChain(Chain):
         """What a processor plays in a period."""
         return self._models[number].playing(period)
 
-    def first_report(self, number: int, identity: Identity) -> Report:  # noqa: ARG002  # a base class decides
-        """Its report, read off it."""
+    def first_report(self, number: int, identity: Identity) -> Report:
+        """Its report, read off it, unless something may damage its answers."""
+        if self._tampers:
+            return super().first_report(number, identity)
         report = self._models[number].receive(Collect(number, ChannelEnd.REPORT).encode())
         assert isinstance(report, Report)
         return report

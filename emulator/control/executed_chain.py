@@ -80,8 +80,9 @@ class ExecutedChain(Chain):
         raise NotImplementedError("executed firmware is asked by messages only")
 
     def first_report(self, number: int, identity: Identity) -> Report:
-        """Only its version is known before it was asked."""
-        return Report(number, AMBIENT_C, 0, identity.firmware, 0, 0, 0, 0)
+        """What it will answer as soon as it is asked, unless something may damage its answers."""
+        report = super().first_report(number, identity)
+        return report if self._tampers else replace(report, temperature_c=AMBIENT_C)
 
     def send(self, change: Change) -> None:
         """Send the messages of a change (clause CHN-029)."""

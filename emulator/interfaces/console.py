@@ -54,9 +54,6 @@ class ConsoleController(Protocol):
     def test_transducer(self, transducer: int, door: Door) -> None:
         """Drive one transducer alone, weakly; raise `BlockError` if an update would be refused."""
 
-    def host_arrived(self) -> None:
-        """Something was answered, so the firmware has proved itself (clause FWU-020)."""
-
 
 class Shown(NamedTuple):
     """What the console does about what was typed.
@@ -68,10 +65,13 @@ class Shown(NamedTuple):
     then : callable or None
         What remains to be carried out once the text is sent (clause CON-004); nothing typed after it was read. The
         device may refuse by `Stall` if its state has changed since.
+    answers : bool
+        Whether the text answers a command (clause FWU-020), even if by a refusal.
     """
 
     text: bytes
     then: Departure | None = None
+    answers: bool = False
 
 
 class Console:
@@ -92,10 +92,11 @@ class Console:
         self._door = door
         self._detach = detach
         self._editor = LineEditor()
+        self._answers = False
 
     def feed(self, typed: bytes) -> Shown:
         """Take the next bytes; answer the lines that they end, each before what is typed after it is sent back."""
-        text = bytearray()
+        text, self._answers = bytearray(), False
         for byte in typed:
             lines, echo = self._editor.feed(bytes([byte]))
             text += echo
@@ -103,8 +104,8 @@ class Console:
                 answer, then = self._answer(line)
                 text += (answer + PROMPT).encode("ascii")
                 if then:
-                    return Shown(bytes(text), then)
-        return Shown(bytes(text))
+                    return Shown(bytes(text), then, self._answers)
+        return Shown(bytes(text), answers=self._answers)
 
     def begin_line(self) -> bytes:
         """Forget what was typed of a line that has not ended; return the prompt for a new one."""
@@ -116,7 +117,7 @@ class Console:
             command = parse_command(line)
             if command is None:
                 return "", None
-            self._controller.host_arrived()
+            self._answers = True
             return format_fields(self._carry_out(command)) + format_ok(), self._departure(command)
         except CommandError as error:
             return format_error(ConsoleCode(error.reason), str(error)), None

@@ -58,6 +58,9 @@ class LineController(ConsoleController, Protocol):
     def drop_frames(self, count: int) -> None:
         """Count frames that were damaged and dropped."""
 
+    def host_arrived(self) -> None:
+        """Something was answered, so the firmware has proved itself (clause FWU-020)."""
+
 
 class _Nobody(Door):
     """The door of a block whose host no longer waits for the answer."""
@@ -163,6 +166,7 @@ class SerialLine(Door):
         self._among_frames = False
         self._sends_text = not self._needs_dtr
         self._departure: Departure | None = None
+        self._owes = False  # an answer to a request or a command, until all is sent
 
     @property
     def pending(self) -> int:
@@ -223,8 +227,9 @@ class SerialLine(Door):
     def _handle(self, event: LineEvent) -> None:
         match event:
             case bytes(typed):
-                text, self._departure = self._console.feed(typed)
+                text, self._departure, answers = self._console.feed(typed)
                 self._say(text)
+                self._owes |= answers and self._sends_text
             case LineMode.FRAMES:
                 self._outbox.say(DELIMITER)
                 self._among_frames = True
@@ -251,6 +256,7 @@ class SerialLine(Door):
     def _drop_answers(self) -> None:
         """Drop what was not sent, and the later answer to a block that waits (clause SER-010)."""
         self._outbox.drop_frames()
+        self._owes = False
         if self._waiting:
             self._waiting.door = _Nobody()
 
@@ -275,11 +281,12 @@ class SerialLine(Door):
         self._reply(SerialReply(request.tag, Outcome.DONE))
         self._outbox.keep_answers()
         self._leave_frames()
+        self._owes = True  # the REPLY was kept
         self._departure = partial(self._controller.request, request.setup, b"", self)
 
     def _reply(self, reply: SerialReply) -> None:
         self._outbox.answer(SerialFrame(FrameKind.REPLY, reply.encode()))
-        self._controller.host_arrived()
+        self._owes = True
 
     def _admit(self, block: bytes) -> None:
         """Have a block judged, let it wait for room in the queue, or drop it (clause SER-011)."""
@@ -302,6 +309,9 @@ class SerialLine(Door):
         self._controller.accept(waiting.block, waiting.door, waiting.arrived)
 
     def _all_sent(self) -> None:
+        if self._owes:
+            self._owes = False
+            self._controller.host_arrived()
         if self._departure:
             departure, self._departure = self._departure, None
             self._incoming = LineReader()  # both directions are text, whatever came meanwhile

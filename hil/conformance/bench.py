@@ -29,6 +29,7 @@ from ...protocol.codes import (
     PROTOCOL_VERSION,
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
+    RESTART_SECONDS,
     SILENT_PERIODS,
     Flag,
     Reason,
@@ -88,8 +89,8 @@ OFF_SECONDS = 0.1
 """How long a device is without power."""
 LEAVES_SECONDS = 2.0
 """Time for a device without power or cable to leave the bus."""
-RETURN_SECONDS = 15.0
-"""Time for a device to come back after a restart."""
+RETURN_SECONDS = RESTART_SECONDS + 1.0
+"""Time for a device to come back after a restart (clause TIM-002), and for the computer to find it."""
 SHOWN_BYTES = 64
 NOTED_BLOCKS = 8
 """Blocks of one transfer that are kept as evidence."""

@@ -15,7 +15,7 @@ from enum import Enum, Flag, IntEnum, IntFlag, StrEnum
 from typing import Literal, TypeVar
 
 from ...protocol.codes import Feature
-from .clauses import resolve
+from .clauses import resolve, revisions
 
 __all__ = [
     "NOT_USB",
@@ -119,6 +119,8 @@ class Case:
         If one of these is missing in INFO the case is not applicable.
     should : bool
         Whether it shows a SHOULD: a failure is a warning.
+    since : int
+        The first revision (clause VER-009) that asks of a device what the case judges.
     """
 
     clauses: tuple[str, ...]
@@ -129,6 +131,7 @@ class Case:
     line: LineKind | None = None
     features: Feature = NO_FEATURES
     should: bool = False
+    since: int = 1
 
     @property
     def at_the_outputs(self) -> Case:
@@ -172,6 +175,7 @@ def case(
     line: LineKind | None = None,
     features: Feature = NO_FEATURES,
     should: bool = False,
+    since: int = 1,
 ) -> Callable[[Function], Function]:
     """Make a function a case.
 
@@ -179,13 +183,14 @@ def case(
     ----------
     *clauses : str
         The clauses that it shows, such as ``BLK-003`` or ``BLK-005/1``.
-    outputs, needs, allow, line, features, should
+    outputs, needs, allow, line, features, should, since
         See `Case`; ``allow`` are its risks.
 
     Raises
     ------
     ValueError
-        If no clause is named, one of them is unknown, or there is no sentence.
+        If no clause is named, one of them is unknown, none of them changed in the revision ``since``, or there is no
+        sentence.
     """
 
     def mark(function: Function) -> Function:
@@ -193,10 +198,12 @@ def case(
             raise ValueError(f"{function.__name__} names no clause")
         for clause in (*clauses, *outputs):
             resolve(clause)
+        if since > 1 and not any(since in revisions().get(clause.partition("/")[0], ()) for clause in clauses):
+            raise ValueError(f"{function.__name__}: none of {', '.join(clauses)} changed in revision {since} (VER-009)")
         sentence = re.sub(r"\s+", " ", inspect.getdoc(function) or "").strip()
         if not sentence:
             raise ValueError(f"{function.__name__} has no sentence that says what it does and why")
-        about = Case(clauses, sentence, tuple(outputs), tuple(needs), tuple(allow), line, features, should)
+        about = Case(clauses, sentence, tuple(outputs), tuple(needs), tuple(allow), line, features, should, since)
         setattr(function, ATTRIBUTE, about)
         return function
 

@@ -7,7 +7,7 @@ neither.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -16,10 +16,11 @@ from types import MappingProxyType
 
 from ... import protocol
 
-__all__ = ["Clause", "Requirement", "clauses", "read_clauses", "requirements", "resolve"]
+__all__ = ["Clause", "Requirement", "changes", "clauses", "read_clauses", "requirements", "resolve", "revisions"]
 
 CHAPTER = re.compile(r"^## ([A-Z]{3}): (.+)$")
 CLAUSE = re.compile(r"^\*\*([A-Z]{3}-\d{3})\*\* ")
+REVISED = re.compile(r"^\| (\d+) \| \d{4}-\d{2}-\d{2} \| ([A-Z]{3}-\d{3}) \|", re.MULTILINE)
 SENTENCE_END = re.compile(r"(?<!e\.g)(?<!i\.e)(\.[)”\"]?)\s+")
 
 
@@ -83,8 +84,31 @@ class Clause:
 @cache
 def clauses() -> Mapping[str, Clause]:
     """All clauses of SPEC.md by their identifiers, in the order of the text."""
-    text = files(protocol).joinpath("SPEC.md").read_text(encoding="utf-8")
-    return MappingProxyType({clause.identifier: clause for clause in read_clauses(text)})
+    return MappingProxyType({clause.identifier: clause for clause in read_clauses(_specification())})
+
+
+@cache
+def revisions() -> Mapping[str, tuple[int, ...]]:
+    """The revisions in which clauses bound a device more than before, by the table of VER-009."""
+    found: dict[str, tuple[int, ...]] = {}
+    for revision, clause in REVISED.findall(_specification()):
+        found[clause] = (*found.get(clause, ()), int(revision))
+    return MappingProxyType(found)
+
+
+def changes(names: Iterable[str], after: int = 1) -> tuple[str, ...]:
+    """What was changed in some clauses after a revision, such as ``SER-011 changed in revision 2``."""
+    whole = dict.fromkeys(name.partition("/")[0] for name in names)
+    return tuple(
+        f"{clause} changed in revision {revision}"
+        for clause in whole
+        for revision in revisions().get(clause, ())
+        if revision > after
+    )
+
+
+def _specification() -> str:
+    return files(protocol).joinpath("SPEC.md").read_text(encoding="utf-8")
 
 
 @cache

@@ -247,7 +247,7 @@ class Judge:
         if self._lost is not None:
             raise Inconclusive(self._lost)
         about = entry.about
-        reason = self.profile.reason_for(entry.identifier, entry.group, about.clauses)
+        reason = self.profile.reason_for(entry.identifier, entry.group, about.clauses, about.since)
         if reason is not None:
             raise NotApplicable(reason)
         needed = about.features | (Feature.CONSOLE if about.line == "serial" else Feature(0))

@@ -1,8 +1,10 @@
 """Profiles: what a device's makers declare of it before it is judged, in TOML.
 
-What it lacks, each with a reason; its numbers on USB; and the outputs at which a logic analyser's probes sit::
+The revision of the specification that it keeps; what it lacks, each with a reason; its numbers on USB; and the outputs
+at which a logic analyser's probes sit::
 
     name = "revision C without a UART"
+    revision = 2
 
     [not-applicable]
     serial = "no UART is fitted"
@@ -24,13 +26,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ...emulator.ports.export import chosen_channels
+from ...protocol.codes import PROTOCOL_REVISION
 from ...protocol.wiring import Wiring
 from ...storage import FilePath
+from .clauses import changes
 from .tables import Table, read_table
 
 __all__ = ["Profile", "read_profile"]
 
-NAME, NOT_APPLICABLE, DEVICE, CAPTURE, CHANNELS = "name", "not-applicable", "device", "capture", "channels"
+NAME, REVISION, NOT_APPLICABLE, DEVICE = "name", "revision", "not-applicable", "device"
+CAPTURE, CHANNELS = "capture", "channels"
 VENDOR, PRODUCT = "vendor", "product"
 MOST_NUMBER = 0xFFFF
 _CLAUSE = re.compile(r"[A-Z]{3}-\d{3}(/[1-9]\d*)?", re.ASCII)
@@ -51,6 +56,8 @@ class Profile:
         Its numbers on USB; None if they are not declared.
     probes : mapping of str to str
         The output of each probe of a logic analyser, such as ``b2p1_07`` or ``t160``.
+    revision : int
+        The revision of the specification that it keeps (clause VER-009).
     """
 
     name: str = "none"
@@ -58,13 +65,18 @@ class Profile:
     vendor: int | None = None
     product: int | None = None
     probes: Mapping[str, str] = field(default_factory=dict)
+    revision: int = PROTOCOL_REVISION
 
-    def reason_for(self, case_id: str, group: str, clauses: tuple[str, ...]) -> str | None:
+    def reason_for(self, case_id: str, group: str, clauses: tuple[str, ...], since: int = 1) -> str | None:
         """Why a case does not apply; None if it does.
 
         A case applies only if all its clauses do: a case that combines a missing thing with others cannot be judged. A
-        clause stands for each of its requirements, a case for each of its parameters.
+        clause stands for each of its requirements, a case for each of its parameters. Nor does it apply if it judges
+        what a later revision asks for, ``since``.
         """
+        if since > self.revision:
+            changed = ", ".join(changes(clauses, self.revision))
+            return f"{changed}, and the profile declares that the device keeps revision {self.revision}"
         whole = (clause.partition("/")[0] for clause in clauses)
         names = (case_id, case_id.partition("[")[0], group, *clauses, *whole)
         return next((self.not_applicable[name] for name in names if name in self.not_applicable), None)
@@ -85,7 +97,7 @@ def read_profile(path: FilePath) -> Profile:
         If the file cannot be read.
     """
     whole = read_table(path)
-    whole.check_keys([NAME, NOT_APPLICABLE, DEVICE, CAPTURE])
+    whole.check_keys([NAME, REVISION, NOT_APPLICABLE, DEVICE, CAPTURE])
     device, capture = whole.table(DEVICE), whole.table(CAPTURE)
     device.check_keys([VENDOR, PRODUCT])
     capture.check_keys([CHANNELS])
@@ -95,7 +107,15 @@ def read_profile(path: FilePath) -> Profile:
         _usb_number(device, VENDOR),
         _usb_number(device, PRODUCT),
         _probes(capture.table(CHANNELS)),
+        _revision(whole),
     )
+
+
+def _revision(table: Table) -> int:
+    value = table.values.get(REVISION, PROTOCOL_REVISION)
+    if type(value) is not int or not 1 <= value <= PROTOCOL_REVISION:
+        raise table.error(REVISION, f"it must be a revision of the specification, 1 to {PROTOCOL_REVISION} (VER-009)")
+    return value
 
 
 def _reasons(table: Table) -> dict[str, str]:

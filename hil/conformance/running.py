@@ -27,7 +27,7 @@ from ...errors import DeviceNotFoundError
 from ...host.lines.opening import SCHEMES, entries, load_by_scheme
 from ...host.lines.serial_line import PORTS
 from ...host.lines.usb_find import BACKENDS
-from ...protocol.codes import PROTOCOL_VERSION, Target
+from ...protocol.codes import PROTOCOL_REVISION, PROTOCOL_VERSION, Target
 from ...protocol.firmware import Image, Segment, sign
 from ...protocol.versions import Version
 from ...protocol.wiring import Wiring
@@ -159,7 +159,7 @@ def run_conformance(
         judge.finish(signal_name(number) if number else "")
         provenance = Provenance(
             version("phasewire"),
-            f"version {PROTOCOL_VERSION}, SPEC.md {_specification_digest()}",
+            f"version {PROTOCOL_VERSION}, revision {PROTOCOL_REVISION}, SPEC.md {_specification_digest()}",
             _about(options.url, bench),
             began.isoformat(timespec="seconds"),
             perf_counter() - started,

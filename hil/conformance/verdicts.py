@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from .clauses import changes
+
 if TYPE_CHECKING:
     from .matrix import Claim
 
@@ -91,6 +93,11 @@ class Result:
         return f"failed {1 + (self.again is Verdict.FAIL)} of {1 if self.again is None else 2}"
 
     @property
+    def changed(self) -> tuple[str, ...]:
+        """If it failed, which of its clauses changed in which revision: the device may keep an older one."""
+        return changes(self.clauses) if self.verdict is Verdict.FAIL else ()
+
+    @property
     def group(self) -> str:
         """The file that holds the case."""
         return self.case.partition("/")[0]
@@ -117,7 +124,7 @@ class Provenance:
     suite : str
         Version of phasewire.
     specification : str
-        Version of the protocol, and the SHA-256 of SPEC.md (its first 16 digits).
+        Version and revision of the protocol, and the SHA-256 of SPEC.md (its first 16 digits).
     device : mapping of str to str
         The device's description of itself: URL, product, serial number, firmware, protocol, hardware, link.
     began : str

@@ -6,6 +6,7 @@
 #define NUMBER_TICKS (2000u * (uint64_t)PW_TICKS_PER_MS) /* CHN-028 */
 #define COLLECT_TICKS ((uint64_t)PW_TICKS_PER_MS)        /* between two questions: ten in 10 ms */
 #define COLLECTIONS_MISSED 2u
+#define PROGRAM_ATTEMPTS 3u /* FWU-021 */
 #define DEAF_TICKS (51u * (uint64_t)PW_TICKS_PER_MS) /* CHN-030 */
 #define READ_TICKS ((uint64_t)PW_TICKS_PER_MS)       /* a processor answers within half of it: CHN-016 */
 #define ATTEMPTS 3u                                  /* REQ-007 */
@@ -35,10 +36,26 @@ bool pw_all_there(const struct pw_device *self)
 
 /* Numbering ---------------------------------------------------------------------------------------------------- */
 
-static void send_number(struct pw_device *self)
+/* Whether the next processor runs (FWU-021). */
+static bool runs(const struct pw_device *self)
+{
+    const struct pw_port *port = self->port;
+    bool started = port->program == NULL;
+    for (uint32_t i = 0; !started && i < PROGRAM_ATTEMPTS; i++) {
+        started = port->program(port->self, self->numbered);
+    }
+    return started;
+}
+
+static void number_next(struct pw_device *self)
 {
     uint8_t message[PW_MESSAGE];
-    pw_send(self, message, pw_number_put(message, self->numbered));
+    if (runs(self)) {
+        self->number_since = self->port->now(self->port->self); /* a program takes its time */
+        pw_send(self, message, pw_number_put(message, self->numbered));
+    } else {
+        self->processors[PW_PROCESSORS - 1u].unanswered = 1; /* numbering ends, not complete */
+    }
 }
 
 /* Numbering has ended: period 0 begins (CHN-023, CHN-024). */
@@ -55,12 +72,13 @@ static void begin_time(struct pw_device *self, uint64_t tick_of_port)
     }
 }
 
-void pw_number_chain(struct pw_device *self, uint64_t tick_of_port)
+void pw_number_chain(struct pw_device *self)
 {
     if (self->collect_next == 0u) {
         self->collect_next = 1; /* until numbering has ended: whether the first number was sent */
-        send_number(self);
+        number_next(self);
     }
+    const uint64_t tick_of_port = self->port->now(self->port->self);
     const bool complete = pw_all_there(self) || self->processors[PW_PROCESSORS - 1u].unanswered != 0u;
     if (complete || self->broken || tick_of_port - self->number_since >= NUMBER_TICKS) {
         self->collect_next = 0;
@@ -78,11 +96,10 @@ static void identity(struct pw_device *self, const struct pw_identity *who)
     processor->there = true;
     memcpy(processor->report.firmware, who->firmware, 3);
     self->numbered++;
-    self->number_since = self->port->now(self->port->self);
     if (who->last != 0u) {
         self->processors[PW_PROCESSORS - 1u].unanswered = 1; /* numbering ends, complete or not */
     } else if (self->numbered < PW_PROCESSORS) {
-        send_number(self);
+        number_next(self);
     } else {
         /* Ten have answered. */
     }

@@ -163,7 +163,9 @@ struct pw_device {
 
 /* Power-up or RESET: the outputs are off, and the numbering of the chain begins. */
 void pw_device_begin(struct pw_device *self, const struct pw_port *port, const struct pw_about *about);
-/* Work on everything that is due. Call it from the period's interrupt, or when pw_device_due says so. */
+/* Work on everything that is due. Call it in each period, or when pw_device_due says so: from the main loop, which the
+   period's interrupt wakes, or from that interrupt if all other calls of this device come from it too. Nothing guards
+   against two calls at once. */
 void pw_device_poll(struct pw_device *self);
 /* The tick of the port at which something is due; it changes with every call. */
 uint64_t pw_device_due(const struct pw_device *self);

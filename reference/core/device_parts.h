@@ -53,7 +53,7 @@ uint32_t pw_loads_left(const struct pw_device *self);
 uint32_t pw_send_loads(struct pw_device *self, uint32_t tokens);
 
 /* chn_controller.c: numbering, questions, answers */
-void pw_number_chain(struct pw_device *self, uint64_t tick_of_port);
+void pw_number_chain(struct pw_device *self);
 /* Send a message, or find the chain broken (CHN-021). The faults of that are raised later, by pw_note_broken, for they
    change the queue that is being sent. */
 void pw_send(struct pw_device *self, const uint8_t *message, size_t size);

@@ -14,6 +14,7 @@
 #define SEGMENTS_AT 5u
 #define FEW_SEGMENTS 2u
 #define MANY_SEGMENTS (PW_PROCESSORS + 1u)
+#define PROGRAM_ENTRY 16u /* of a segment: target, offset, size and CRC-32 */
 #define UNMARKED 0xFFFFFFFFu
 #define STILL_LOOKS 1000000u /* at a busy flash within one tick */
 
@@ -433,6 +434,27 @@ bool pw_boot(const struct pw_port *port, struct pw_boot *boot)
         }
     }
     return booted;
+}
+
+bool pw_boot_program(const struct pw_port *port, const struct pw_boot *boot, uint8_t processor,
+                     bool (*send)(void *context, const uint8_t *bytes, size_t size), void *context)
+{
+    uint8_t entry[PROGRAM_ENTRY] = { 0 };
+    uint8_t page[PW_FLASH_PAGE];
+    uint8_t segments = 0;
+    bool good = port->flash_read(port->self, boot->address + SEGMENTS_AT, &segments, 1);
+    const uint32_t index = (segments == FEW_SEGMENTS) ? 0u : processor;
+    good = good &&
+           port->flash_read(port->self, boot->address + PW_IMAGE_HEADER + (PW_IMAGE_ENTRY * index), entry, PROGRAM_ENTRY);
+    const uint32_t address = boot->address + pw_get32(&entry[4]);
+    const uint32_t size = pw_get32(&entry[8]);
+    good = good && send(context, &entry[8], 4);
+    for (uint32_t at = 0; good && (at < size); at += PW_FLASH_PAGE) {
+        const uint32_t left = size - at;
+        const uint32_t length = (left < PW_FLASH_PAGE) ? left : PW_FLASH_PAGE;
+        good = port->flash_read(port->self, address + at, page, length) && send(context, page, length);
+    }
+    return good && send(context, &entry[12], 4);
 }
 
 /* Makes a record none; true if the bank is empty then. */

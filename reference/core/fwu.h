@@ -99,6 +99,10 @@ struct pw_boot {
 /* FWU-019, FWU-020: finds what is to be started, and writes `started` if it is on trial. False: nothing boots, not even
    the factory image. */
 bool pw_boot(const struct pw_port *port, struct pw_boot *boot);
+/* The program of a processor, as its boot program takes it (FWU-021): size, segment and CRC-32, piece by piece. False:
+   the flash does not answer, or `send` has said false. */
+bool pw_boot_program(const struct pw_port *port, const struct pw_boot *boot, uint8_t processor,
+                     bool (*send)(void *context, const uint8_t *bytes, size_t size), void *context);
 /* FWU-022, before pw_boot. */
 void pw_boot_revert(const struct pw_port *port);
 /* FWU-020: what runs has come up. Begins to write `confirmed` if it is not yet, and does not wait for it. True if

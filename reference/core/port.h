@@ -28,6 +28,12 @@ struct pw_port {
     /* Whether the last erasure or programming ended in failure, as a flash says in its status register. NULL if yours
        says nothing: then what was written is judged by reading it back alone. */
     bool (*flash_failed)(void *self);
+    /* Start all processors of the chain anew, together with the controller (CHN-021): they lose their numbers, and
+       their outputs are low. pw_device_begin calls it. NULL on a board that restarts them with the controller. */
+    void (*restart_processors)(void *self);
+    /* Send the next processor, which has no number yet, its program (FWU-021): pw_boot_program gives the bytes. False
+       if it has not started; the core tries three times. NULL if the processors have a program of their own. */
+    bool (*program)(void *self, uint8_t processor);
 };
 
 #endif

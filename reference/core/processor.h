@@ -1,5 +1,6 @@
 /* One processor of the chain: messages in, the words of its port out (chapter CHN). It drives 32 outputs.
-   A board's interrupt calls pw_processor_period at each period boundary; its message threads call the rest. */
+   A board's interrupt calls pw_processor_period at each period boundary. Calls for messages come from the same
+   priority, or keep that interrupt out meanwhile: nothing guards against two calls at once. */
 #ifndef PW_PROCESSOR_H
 #define PW_PROCESSOR_H
 

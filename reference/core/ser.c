@@ -311,9 +311,9 @@ void pw_line_begin(struct pw_line *line, uint8_t door, bool is_uart)
 size_t pw_line_receive(struct pw_line *line, struct pw_device *device, const uint8_t *bytes, size_t size)
 {
     size_t taken = 0;
-    bool goes_on = line->deaf || pw_device_serving(device);
+    bool goes_on = true;
     while (goes_on && (taken < size)) {
-        if (line->deaf) {
+        if (line->deaf || !pw_device_serving(device)) {
             taken = size;
         } else {
             goes_on = line->frames ? take_in_frames(line, device, bytes[taken])

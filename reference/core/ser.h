@@ -1,7 +1,7 @@
 /* Chapter SER: serial lines. Bytes come in and go out by calls; the port moves them.
    A port calls, for each line: pw_line_receive with what has arrived, pw_line_poll after each pw_device_poll, and
-   pw_line_send whenever the line can take bytes. The device has to be begun before. Nothing here guards against calls
-   from two threads or interrupts at once: device and lines belong to one of them. */
+   pw_line_send whenever the line can take bytes. The device has to be begun before. Device and lines belong to one
+   context (device.h): an interrupt only moves their bytes. */
 #ifndef PW_SER_H
 #define PW_SER_H
 
@@ -99,8 +99,8 @@ struct pw_line {
 /* Power-up and RESET: the line begins with the console. */
 void pw_line_begin(struct pw_line *line, uint8_t door, bool is_uart);
 /* Bytes have arrived. Returns how many of them the line took; the port offers the others again (USB answers NAK
-   meanwhile). It takes fewer only while the device does not serve yet (TIM-002), while something is answered LATER, or
-   while the answers have no room because nobody fetches them. */
+   meanwhile). It takes fewer only while something is answered LATER, or while the answers have no room because nobody
+   fetches them (SER-013). While the device does not serve yet it takes and drops all (TIM-002). */
 size_t pw_line_receive(struct pw_line *line, struct pw_device *device, const uint8_t *bytes, size_t size);
 /* What is to be sent next, at most `room` bytes. */
 size_t pw_line_send(struct pw_line *line, struct pw_device *device, uint8_t *bytes, size_t room);

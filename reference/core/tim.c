@@ -8,7 +8,9 @@ void pw_device_begin(struct pw_device *self, const struct pw_port *port, const s
     memset(self, 0, sizeof *self);
     self->port = port;
     self->about = about;
-    self->number_since = port->now(port->self);
+    if (port->restart_processors != NULL) {
+        port->restart_processors(port->self);
+    }
     self->state = PW_STATE_OFF;
     self->faults = about->faults;
     self->persisting = about->faults;
@@ -55,15 +57,14 @@ uint64_t pw_device_due(const struct pw_device *self)
 
 void pw_device_poll(struct pw_device *self)
 {
-    const uint64_t tick_of_port = self->port->now(self->port->self);
     if (!self->serving) {
-        pw_number_chain(self, tick_of_port);
+        pw_number_chain(self);
         if (!self->serving) {
             return;
         }
         pw_work_on_period(self, 0);
     }
-    const uint64_t target = tick_of_port - self->origin;
+    const uint64_t target = self->port->now(self->port->self) - self->origin;
     for (uint64_t next = due(self); next <= target; next = due(self)) {
         if (self->now < next) {
             self->now = next;

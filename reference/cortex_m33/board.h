@@ -12,6 +12,12 @@ bool board_link_send(const uint8_t *message, size_t size);
 /* A message from the chain, its route header taken off: its channel end and its size, 0 if none has come. */
 size_t board_link_receive(uint8_t *channel_end, uint8_t *body, size_t room);
 void board_sync_pulse(void);
+/* Start all processors of the chain anew (CHN-021), as their reset line does. */
+void board_restart_processors(void);
+/* Bytes to the boot program of the next processor, which has no number yet (FWU-021). False if it does not take them. */
+bool board_boot_send(const uint8_t *bytes, size_t size);
+/* Whether it has started what it received: its CRC-32 was right. */
+bool board_boot_starts(void);
 void board_blink(uint8_t board);
 bool board_flash_read(uint32_t address, uint8_t *data, size_t size);
 bool board_flash_erase(uint32_t address);

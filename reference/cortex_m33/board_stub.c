@@ -30,6 +30,21 @@ void board_sync_pulse(void)
 {
 }
 
+void board_restart_processors(void)
+{
+}
+
+bool board_boot_send(const uint8_t *bytes, size_t size)
+{
+    (void)bytes;
+    return size == 0u; /* there is no processor */
+}
+
+bool board_boot_starts(void)
+{
+    return false;
+}
+
 void board_blink(uint8_t board)
 {
     (void)board;

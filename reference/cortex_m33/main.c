@@ -67,6 +67,26 @@ static bool flash_busy(void *self)
     return board_flash_busy();
 }
 
+static void restart_processors(void *self)
+{
+    (void)self;
+    board_restart_processors();
+}
+
+static bool send_program(void *context, const uint8_t *bytes, size_t size)
+{
+    (void)context;
+    return board_boot_send(bytes, size);
+}
+
+static const struct pw_port port;
+
+static bool program(void *self, uint8_t processor)
+{
+    (void)self;
+    return pw_boot_program(&port, &running, processor, send_program, NULL) && board_boot_starts();
+}
+
 static const struct pw_port port = {
     .now = now,
     .chain = chain,
@@ -76,6 +96,8 @@ static const struct pw_port port = {
     .flash_erase = flash_erase,
     .flash_program = flash_program,
     .flash_busy = flash_busy,
+    .restart_processors = restart_processors,
+    .program = program,
 };
 
 /* Power-up, RESET and the way out of DFU mode. */

@@ -30,6 +30,15 @@ static bool is_dead(struct boards *self, uint64_t now, uint32_t place)
     return faults_newest(self->faults, now, MACHINE_DEAD, place) != NULL;
 }
 
+bool boards_start_next(struct boards *self, uint64_t now)
+{
+    if (self->started == PW_PROCESSORS || is_dead(self, now, self->started)) {
+        return false;
+    }
+    self->started++;
+    return true;
+}
+
 /* Links -------------------------------------------------------------------------------------------------------- */
 
 /* Ticks that so many tokens take to a processor or from it: those of the slowest link on the way. */
@@ -95,7 +104,7 @@ static void take(struct way *way, struct route *route)
 static uint32_t place_of(struct boards *self, uint64_t now, const uint8_t *message)
 {
     const uint16_t node = (uint16_t)(((uint32_t)message[0] << 8) | message[1]);
-    for (uint32_t place = 0; place < PW_PROCESSORS && !is_dead(self, now, place); place++) {
+    for (uint32_t place = 0; place < self->started && !is_dead(self, now, place); place++) {
         const uint8_t number = self->processors[place].number;
         if (node == PW_UNNUMBERED_NODE ? number == PW_NO_NUMBER : number == node) {
             return place;

@@ -39,12 +39,15 @@ struct boards {
     uint32_t late[PW_PROCESSORS];            /* periods for which words have not been ready */
     bool blocked;     /* a message could not leave, and none behind it can (CHN-021) */
     struct way down, up;
+    uint32_t started; /* processors whose program runs */
     struct pw_processor processors[PW_PROCESSORS];
 };
 
 /* Power-up of all processors together (CHN-021). */
 void boards_begin(struct boards *self, struct faults *faults, uint64_t now, const uint8_t firmware[3],
                   const uint8_t unique_id[8]);
+/* The next processor has got its program. False: it does not take it. */
+bool boards_start_next(struct boards *self, uint64_t now);
 /* A message of the controller, route header first. False: it could not leave within 1 ms. */
 bool boards_send(struct boards *self, uint64_t now, const uint8_t *message, size_t size);
 /* Deliver what has arrived by now in both directions; not from within a call of the port. Returns whether the

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "../posix/booting.h"
 #include "../posix/factory.h"
 #include "dfu.h"
 #include "fwu.h"
@@ -107,6 +108,20 @@ static bool port_flash_failed(void *self)
     return ((struct machine *)self)->memory.failed;
 }
 
+static void port_restart_processors(void *opaque)
+{
+    struct machine *self = opaque;
+    boards_begin(&self->boards, &self->faults, self->tick, self->about.firmware, self->about.unique_id);
+}
+
+static bool port_program(void *opaque, uint8_t processor)
+{
+    struct machine *self = opaque;
+    struct booting booting = {0};
+    return pw_boot_program(&self->port, &self->running, processor, booting_take, &booting) && booting_starts(&booting)
+        && boards_start_next(&self->boards, self->tick);
+}
+
 /* Life --------------------------------------------------------------------------------------------------------- */
 
 struct machine *machine_new(const uint16_t *wiring, const char *serial_number, bool high_speed)
@@ -124,7 +139,7 @@ struct machine *machine_new(const uint16_t *wiring, const char *serial_number, b
     self->plugged = true;
     const struct pw_port port = {self, port_now, port_chain, port_sync, port_identify, port_flash_read,
                                  port_flash_erase, port_flash_program, port_flash_busy, NULL,
-                                 port_flash_failed};
+                                 port_flash_failed, port_restart_processors, port_program};
     self->port = port;
     return self;
 }
@@ -156,7 +171,6 @@ static void start(struct machine *self)
     self->about.faults = self->running.faults;
     self->about.serial_number = self->serial_number;
     self->about.wiring = self->wiring;
-    boards_begin(&self->boards, &self->faults, self->tick, self->about.firmware, self->about.unique_id);
     pw_device_begin(&self->device, &self->port, &self->about);
     pw_line_begin(&self->lines[0], PW_DOOR_LINE(0u), false);
     pw_line_begin(&self->lines[UART], PW_DOOR_LINE(UART), true);

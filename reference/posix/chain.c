@@ -9,6 +9,7 @@
 void chain_begin(struct chain *self, const uint8_t firmware[3], const uint8_t unique_id[8])
 {
     self->begun = false;
+    self->started = 0;
     self->first_answer = 0;
     self->answer_count = 0;
     for (uint8_t i = 0; i < PW_PROCESSORS; i++) {
@@ -19,18 +20,23 @@ void chain_begin(struct chain *self, const uint8_t firmware[3], const uint8_t un
     }
 }
 
+void chain_start_next(struct chain *self)
+{
+    self->started += self->started < PW_PROCESSORS ? 1u : 0u;
+}
+
 /* The first processor that has no number takes what is for node FFFF (CHN-022). PW_PROCESSORS: nobody is there. */
 static uint32_t place_of(const struct chain *self, uint16_t node)
 {
     uint32_t place = 0;
-    while (place < PW_PROCESSORS) {
+    while (place < self->started) {
         const uint8_t number = self->processors[place].number;
         if (node == PW_UNNUMBERED_NODE ? number == PW_NO_NUMBER : number == node) {
             return place;
         }
         place++;
     }
-    return place;
+    return PW_PROCESSORS;
 }
 
 bool chain_send(struct chain *self, const uint8_t *message, size_t size)

@@ -19,11 +19,14 @@ struct chain {
     bool changed;     /* words of this period differ from those of the one before */
     uint32_t first_answer, answer_count;
     struct chain_answer answers[CHAIN_ANSWERS];
+    uint32_t started; /* processors whose program runs */
     struct pw_processor processors[PW_PROCESSORS];
 };
 
 /* Power-up of all processors together (CHN-021). */
 void chain_begin(struct chain *self, const uint8_t firmware[3], const uint8_t unique_id[8]);
+/* The next processor has got its program. */
+void chain_start_next(struct chain *self);
 /* A message of the controller, route header first. False: nobody takes it, so that it blocks the chain. */
 bool chain_send(struct chain *self, const uint8_t *message, size_t size);
 /* A pulse on the sync line; period 0 begins with the first. */

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "booting.h"
 #include "sums.h"
 
 #define OFF_TICKS (20u * (uint64_t)PW_TICKS_PER_MS)   /* off the bus; at least 10 ms: DFU-002 */
@@ -71,6 +72,24 @@ static bool port_flash_busy(void *self)
     return flash_busy(&machine->flash, machine->tick);
 }
 
+static void port_restart_processors(void *self)
+{
+    struct machine *machine = self;
+    chain_begin(&machine->chain, machine->about.firmware, machine->about.unique_id);
+}
+
+static bool port_program(void *self, uint8_t processor)
+{
+    struct machine *machine = self;
+    struct booting booting = {0};
+    if (!pw_boot_program(&machine->port, &machine->boot, processor, booting_take, &booting)
+        || !booting_starts(&booting)) {
+        return false;
+    }
+    chain_start_next(&machine->chain);
+    return true;
+}
+
 /* The array is 20 columns of 16; a board has four columns, each of its processors eight rows of them. Columns are wired
    up and down in turn, so that array order and the order of outputs differ. */
 static void wire(uint16_t wiring[PW_CHANNELS])
@@ -107,6 +126,8 @@ void machine_begin(struct machine *self)
     self->port.flash_erase = port_flash_erase;
     self->port.flash_program = port_flash_program;
     self->port.flash_busy = port_flash_busy;
+    self->port.restart_processors = port_restart_processors;
+    self->port.program = port_program;
     self->port.flash_signed = NULL; /* no keys: every signature is accepted (FWU-012) */
     wire(self->wiring);
     self->about.product = PRODUCT;
@@ -146,7 +167,6 @@ static void begin_device(struct machine *self)
     self->mode = MACHINE_RUNS;
     self->confirmed = false;
     self->confirm_at = self->tick;
-    chain_begin(&self->chain, self->about.firmware, self->about.unique_id);
     pw_device_begin(&self->device, &self->port, &self->about);
     pw_line_begin(&self->usb_line, PW_DOOR_LINE(0u), false);
     for (uint32_t i = 0; i < self->line_count; i++) {

@@ -122,6 +122,8 @@ static void test_chain(struct chain *chain)
     chain_begin(chain, firmware, unique_id);
     CHECK(!chain_send(chain, message, pw_collect_put(message, 0, PW_END_REPORT))); /* it has no number yet */
     for (uint8_t number = 0; number < PW_PROCESSORS; number++) {
+        CHECK(!chain_send(chain, message, pw_number_put(message, number))); /* it has no program yet */
+        chain_start_next(chain);
         CHECK(chain_send(chain, message, pw_number_put(message, number)));
         CHECK_EQ(chain->processors[number].number, number);
         const struct chain_answer *answer = &chain->answers[number];

@@ -70,7 +70,42 @@ static void blink(void *self, uint8_t board)
     (void)board;
 }
 
+/* The seam of processors that get their programs from the controller. */
+static uint32_t restarts, tries, fails;
+static uint8_t programmed, fails_at;
+
+static void restart(void *self)
+{
+    static const uint8_t nothing[8] = {0};
+    (void)self;
+    restarts++;
+    programmed = 0;
+    for (uint32_t i = 0; i < PW_PROCESSORS; i++) {
+        pw_processor_begin(&all[i], nothing, nothing);
+    }
+}
+
+static bool program(void *self, uint8_t processor)
+{
+    (void)self;
+    tries++;
+    clock_now += 6600u; /* 64 KiB on two wires: 3.3 ms */
+    CHECK_EQ(processor, programmed);
+    for (uint32_t i = 0; i < PW_PROCESSORS; i++) { /* those before it have their numbers, and no other */
+        CHECK_EQ(all[i].number, i < processor ? i : PW_NO_NUMBER);
+    }
+    if (processor == fails_at && fails != 0u) {
+        fails--;
+        return false;
+    }
+    programmed++;
+    return true;
+}
+
 static const struct pw_port port = {.now = now, .chain = send, .sync = sync_line, .identify = blink};
+static const struct pw_port programming = {
+    .now = now, .chain = send, .sync = sync_line, .restart_processors = restart, .program = program,
+};
 static const struct pw_about about = {
     {1, 2, 3, 4, 5, 6, 7, 8}, {1, 2, 3}, PW_BANK_A, 0, 1, "chain", "PW-0001", wiring, 20, 16, 10300,
 };
@@ -270,8 +305,53 @@ static void test_a_broken_chain(void)
     }
 }
 
+/* Power-up or RESET of a chain whose processors have no programs of their own. */
+static void start_all(uint8_t place, uint32_t failures)
+{
+    fails_at = place;
+    fails = failures;
+    tries = 0;
+    sent = 0;
+    waiting = 0;
+    pw_device_begin(&device, &programming, &about);
+    for (uint32_t i = 0; i < 30u; i++) {
+        work();
+    }
+    CHECK(pw_device_serving(&device));
+}
+
+static void test_programs(void)
+{
+    check_case = "programs";
+    clock_now = 0;
+    restarts = 0;
+    leave = UINT32_MAX;
+    for (uint32_t life = 1; life <= 3u; life++) { /* CHN-021: RESET starts the processors anew */
+        start_all(0, 0);
+        CHECK_EQ(restarts, life);
+        CHECK_EQ(tries, PW_PROCESSORS);
+        CHECK_EQ(device.faults, 0);
+        CHECK(device.origin >= life * 66000u); /* after the last program */
+        CHECK(order(PW_REQ_ENABLE));
+        pass(420);
+        CHECK_EQ(device.faults, 0);
+    }
+    for (uint8_t place = 0; place < PW_PROCESSORS; place++) { /* FWU-021: three attempts */
+        start_all(place, 2);
+        CHECK_EQ(tries, PW_PROCESSORS + 2u);
+        CHECK_EQ(device.faults, 0);
+        start_all(place, 3);
+        CHECK_EQ(tries, place + 3u);
+        CHECK_EQ(device.numbered, place);
+        CHECK_EQ(device.faults, PW_FAULT_PROCESSOR);
+        CHECK_EQ(device.state, PW_STATE_FAULT);
+        CHECK(!order(PW_REQ_ENABLE));
+    }
+}
+
 int main(void)
 {
+    test_programs();
     test_a_damaged_answer();
     test_a_lost_processor();
     test_a_lost_silence();

@@ -2,7 +2,8 @@
 #include "flash_sim.h"
 #include "vectors.h"
 
-#include "../posix/factory.c" /* not of the core: it is tested here, because the loader judges it */
+#include "../posix/booting.c" /* not of the core, nor is the factory's image: they are tested here with the loader */
+#include "../posix/factory.c"
 
 #define SUFFIX 16u
 
@@ -345,6 +346,43 @@ static void test_revert(void)
     CHECK_EQ(sim.misused, 0);
 }
 
+/* FWU-021: what the boot program of a processor gets, and what it starts. */
+static void test_programs(void)
+{
+    const struct pw_boot boot = { .bank = PW_BANK_A, .address = PW_BANK_IMAGE(PW_BANK_A) };
+    uint8_t *head = &sim.bytes[boot.address];
+    check_case = "programs";
+    for (uint32_t segments = 2u; segments <= PW_PROCESSORS + 1u; segments += PW_PROCESSORS - 1u) {
+        head[5] = (uint8_t)segments;
+        for (uint32_t i = 0; i + 1u < segments; i++) {
+            uint8_t *entry = &head[PW_IMAGE_HEADER + (PW_IMAGE_ENTRY * i)];
+            uint8_t *segment = &head[2048u + (i * 1024u)];
+            const uint32_t size = 253u + i; /* less than a page, one, and more */
+            (void)memset(segment, (int)(i + 1u), size);
+            pw_put32(&entry[4], 2048u + (i * 1024u));
+            pw_put32(&entry[8], size);
+            pw_put32(&entry[12], pw_crc32(0, segment, size));
+        }
+        for (uint8_t processor = 0; processor < PW_PROCESSORS; processor++) {
+            const uint32_t index = segments == 2u ? 0u : processor;
+            struct booting came = { 0 };
+            CHECK(pw_boot_program(&sim_port, &boot, processor, booting_take, &came));
+            CHECK(booting_starts(&came));
+            CHECK_EQ(came.size, 253u + index);
+            CHECK_EQ(came.sum, pw_get32(&head[PW_IMAGE_HEADER + (PW_IMAGE_ENTRY * index) + 12u]));
+            CHECK(!booting_take(&came, head, 1)); /* nothing comes after it */
+            struct booting damaged = { .sum = 1u };
+            CHECK(pw_boot_program(&sim_port, &boot, processor, booting_take, &damaged));
+            CHECK(!booting_starts(&damaged));
+        }
+    }
+    sim.mute = true;
+    struct booting none = { 0 };
+    CHECK(!pw_boot_program(&sim_port, &boot, 0, booting_take, &none));
+    CHECK(!booting_starts(&none));
+    sim.mute = false;
+}
+
 int main(void)
 {
     test_images();
@@ -357,5 +395,6 @@ int main(void)
     test_trial();
     test_trial_of_locked_flash();
     test_revert();
+    test_programs();
     return check_end();
 }

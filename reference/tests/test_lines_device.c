@@ -425,6 +425,19 @@ static void test_answered(void)
     begin();
     type(&line, "test 1\r", "test 1\r\nerror 6 DISABLED: the outputs are not enabled\r\n> ");
     CHECK(line.answered);
+    begin();
+    enter(&line);
+    fetch(&line);
+    request(&line, 1, PW_REQUEST_IN, 99, 0, 64); /* STALL is an answer */
+    fetch(&line);
+    CHECK(line.answered);
+    begin();
+    enter(&line);
+    fetch(&line);
+    request(&line, 1, PW_REQUEST_IN, PW_REQ_INFO, 0, 64);
+    pw_line_hang_up(&line, &device); /* but not one that is dropped: FWU-020 */
+    fetch(&line);
+    CHECK(!line.answered);
 }
 
 int main(void)

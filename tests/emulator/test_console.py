@@ -19,7 +19,7 @@ def console_of(controller: ModelController, detach: Callable[[], None] = lambda:
 
 def answer(controller: ModelController, line: str) -> str:
     """The answer to a line, without its echo."""
-    text, _ = console_of(controller).feed(line.encode() + b"\r")
+    text, *_ = console_of(controller).feed(line.encode() + b"\r")
     return text.decode().removeprefix(line + "\r\n")
 
 
@@ -42,7 +42,7 @@ def test_dfu_is_refused_in_states_that_do_not_allow_it(state: State) -> None:
     controller = ModelController()
     controller.state = state
     done = []
-    text, then = console_of(controller, lambda: done.append("dfu")).feed(b"dfu\r")
+    text, then, _ = console_of(controller, lambda: done.append("dfu")).feed(b"dfu\r")
     assert not done
     if f"`{state.name}`" not in leaving:
         assert text == f"dfu\r\nerror 6 DFU mode is not entered from the state {state.name}\r\n> ".encode()

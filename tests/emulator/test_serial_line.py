@@ -89,12 +89,43 @@ def status(now: int) -> bytes:
 # Requests
 
 
-def test_a_host_that_gets_an_answer_counts_as_arrived() -> None:
+@pytest.mark.parametrize(
+    ("data", "arrives"),
+    [
+        (b"\0noise\0" + block(no_op(1)), False),
+        (b"\0" + STATUS_REQUEST, True),
+        (b"\0" + request(1, 0x77), True),
+        (b"status\r", True),
+        (b"frames\r", True),
+        (b"test 3\r", True),
+        (b"\r", False),
+        (b"halt\r", False),
+        (b"status 1\r", False),
+        (b"test 320\r", False),
+    ],
+    ids=["no request", "request", "stalled", "command", "words", "refused", "empty", "unknown", "arguments", "range"],
+)
+def test_a_host_that_gets_an_answer_counts_as_arrived(data: bytes, arrives: bool) -> None:
+    """A refusal is an answer, but one that is dropped instead of sent is none (clause FWU-020)."""
     controller = ModelController()
-    line = among_frames(controller)
-    said(line, b"noise\0" + block(no_op(1)))
+    line = line_of(controller)
+    line.receive(data)
     assert controller.arrivals == 0
-    said(line, request(1, 0x77))
+    line.take(ENOUGH)
+    assert controller.arrivals == arrives
+    line.receive(data)
+    line.hang_up()
+    line.take(ENOUGH)
+    assert controller.arrivals == arrives
+
+
+def test_an_answer_that_waits_for_dtr_is_none() -> None:
+    controller = ModelController()
+    line = line_of(controller, needs_dtr=True)
+    assert said(line, b"status\r") == b""
+    assert controller.arrivals == 0
+    line.open()
+    said(line, b"status\r")
     assert controller.arrivals == 1
 
 
@@ -205,7 +236,7 @@ def test_the_answer_goes_out_then_text_begins_then_the_device_restarts(order: by
     assert restarts(controller, code)
     assert heard(stream) == ["reply 2a", "reply 77", "console"]
     assert stream.endswith(RESTART_REPLY + CONSOLE)
-    assert controller.arrivals == 2
+    assert controller.arrivals == 1
     assert said(line, b"stop\r") == b"stop\r\nok\r\n> ", "the other direction is text again too"
 
 

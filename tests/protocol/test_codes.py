@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 from phasewire.protocol.codes import (
+    PROTOCOL_REVISION,
+    PROTOCOL_VERSION,
+    RESTART_SECONDS,
     AckFlag,
     Action,
     Bank,
@@ -31,7 +34,7 @@ from phasewire.protocol.codes import (
     Target,
 )
 
-from tests.specification import clauses, codes, table
+from tests.specification import SPEC, clauses, codes, table
 
 ROOT = Path(__file__).parents[2]
 
@@ -71,6 +74,22 @@ def test_code_and_tests_cite_only_clauses_that_exist() -> None:
     }
     assert len(cited) > 50
     assert cited <= set(clauses())
+
+
+def test_the_table_of_revisions_ends_with_this_one() -> None:
+    rows = table("table: revisions")
+    numbers, dates = [int(row[0]) for row in rows], [row[1] for row in rows]
+    assert sorted(set(numbers)) == list(range(1, PROTOCOL_REVISION + 1))
+    assert numbers == sorted(numbers)
+    assert dates == sorted(dates)
+    assert len({(row[0], row[1]) for row in rows}) == PROTOCOL_REVISION
+    assert {row[2] for row in rows[1:]} <= set(clauses())
+    assert f"This is revision {PROTOCOL_REVISION}; VER-009" in SPEC
+    assert f"This text is *revision* {PROTOCOL_REVISION} of version {PROTOCOL_VERSION}." in SPEC
+
+
+def test_the_time_of_a_restart_is_that_of_its_clause() -> None:
+    assert f"within {RESTART_SECONDS} s of power-up" in " ".join(SPEC.split())
 
 
 def test_reasons_name_the_clause_that_is_broken() -> None:

@@ -204,7 +204,7 @@ def test_now_is_when_the_block_had_arrived(bench: Bench) -> None:
     assert times[-1] <= after, f"now is {times[-1]}, should be {after} or earlier"
 
 
-@case("ACK-002", "STA-001", "BLK-024")
+@case("ACK-002", "STA-001", "BLK-024", since=2)
 def test_the_state_is_that_in_which_the_block_was_judged(bench: Bench) -> None:
     """An acknowledgement holds the state before its block takes effect, not the state to which the block leads."""
     bench.must(NoOp())
@@ -368,7 +368,7 @@ def test_the_watchdog_is_told(bench: Bench) -> None:
     expect("what else comes", bench.listen(), [])
 
 
-@case("ACK-006/2", "SAF-003")
+@case("ACK-006/2", "SAF-003", since=2)
 def test_the_watchdog_is_told_within_20_ms(bench: Bench) -> None:
     """20 ms after the watchdog has fired its record is there, before or among the answers to three blocks sent then."""
     ms = patience(bench)

@@ -206,7 +206,7 @@ def check_fields(fields: Iterable[tuple[str, str]], before: object, after: objec
         )
 
 
-@case("CON-002", "CON-005", "CON-007")
+@case("CON-002", "CON-005", "CON-007", since=2)
 def test_info_tells_the_record(bench: Bench, console: RawSerialLine) -> None:
     """The command `info` prints the keys and values of INFO, in its order, so that a person sees what a host does."""
     answer = told(console, "info")
@@ -224,7 +224,7 @@ def test_version_tells_versions(bench: Bench, console: RawSerialLine) -> None:
     check_fields(answer.fields, bench.info, bench.info)
 
 
-@case("CON-005", "CON-007")
+@case("CON-005", "CON-007", since=2)
 def test_status_tells_the_record(bench: Bench, console: RawSerialLine) -> None:
     """The command `status` prints the keys and values of STATUS, in its order, even after many events."""
     told(console, "watchdog 12345")
@@ -696,7 +696,7 @@ def test_each_character_is_shown_at_once(bench: Bench, console: RawSerialLine) -
     expect("what comes back for the line feed of CR LF", console.rest(), b"")
 
 
-@case("CON-003", "SER-010")
+@case("CON-003", "SER-010", since=2)
 def test_a_line_starts_with_echo(bench: Bench, console: RawSerialLine) -> None:
     """A line after a hang-up, or never used before, echoes typed text, because a person may come next."""
     console.command("echo 0")

@@ -105,7 +105,7 @@ def test_a_block_that_waits_outlives_its_session(bench: Bench, frames: RawSerial
     check_judged(bench, frames, before)
 
 
-@case("SER-010")
+@case("SER-010", since=2)
 def test_the_end_of_a_connection_concerns_its_line_alone(bench: Bench, frames: RawSerialLine) -> None:
     """When a host closes its connection, what plays goes on, and the next connection begins with the console."""
     if not frames.wire.is_connection:

@@ -58,6 +58,7 @@ QUIET = 0.03
 LONG_WATCHDOG_MS = 10_000
 LINE_CODING_AT_FIRST = bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8])
 """115 200 baud, one stop bit, no parity, eight bits (clause USB-023)."""
+MOST_TYPED = 80
 SET_LINE_CODING, GET_LINE_CODING, SET_CONTROL_LINE_STATE = 0x20, 0x21, 0x22
 PROMPT = b"> "
 
@@ -848,7 +849,7 @@ def test_other_class_requests_to_the_console_stall(bench: Bench, setup: Setup, d
     expect("the line coding", line_coding(bench), coding)
 
 
-@case("USB-023", "CON-002", features=Feature.CONSOLE, line="usb")
+@case("USB-023", "CON-002", features=Feature.CONSOLE, line="usb", since=3)
 def test_a_console_is_silent_before_dtr(bench: Bench) -> None:
     """Without DTR the console sends nothing, not even an answer: text would mix with another host's frames."""
     bench.usb.set_configuration()
@@ -861,6 +862,24 @@ def test_a_console_is_silent_before_dtr(bench: Bench) -> None:
     expect("what the console says once DTR is set", text_until(bench, PROMPT, QUIET), b"")
     type_in(bench, b"\r")
     assert text_until(bench, PROMPT).endswith(PROMPT), "the console shows no prompt once DTR is set"
+
+
+@case("USB-019", "USB-023", features=Feature.CONSOLE, line="usb", since=3)
+def test_text_that_fills_its_packets_ends_with_an_empty_one(bench: Bench) -> None:
+    """Typed text that comes back as a whole packet has an empty one after it: otherwise a host waits for more."""
+    set_dtr(bench, 0)
+    set_dtr(bench, 1)
+    size = bench.usb.bulk_bytes
+    type_in(bench, b"x" * size)  # more than a line has: each further one comes back as a bell
+    bench.wait(QUIET)
+    came = bench.usb.read(CONSOLE_IN, size, SOON)
+    after = bench.usb.read(CONSOLE_IN, size, SOON)
+    set_dtr(bench, 0)
+    if came is not None and len(came) < size:
+        raise Inconclusive(f"the device sends {len(came)} of {size} bytes in its first packet")
+    expect("what comes back", came, (b"x" * MOST_TYPED + b"\a" * size)[:size])
+    assert after is not None, "no empty packet follows a full one on 83 IN"
+    expect("the packet that follows", after, b"")
 
 
 @case("USB-026", "SER-010", features=Feature.CONSOLE, line="usb")

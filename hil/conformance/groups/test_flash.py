@@ -164,7 +164,7 @@ def test_an_image_that_never_came_up_does_not_boot_again(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("what", ["bus-reset", "descriptors", "other-requests"])
-@flashing("FWU-020/3", "FWU-020", "FWU-019", needs=(Need.POWER,))
+@flashing("FWU-020/3", "FWU-020", "FWU-019", needs=(Need.POWER,), since=2)
 def test_what_comes_before_configuration_does_not_confirm_an_image(bench: Bench, what: str) -> None:
     """New firmware that met bus resets or requests, but was not configured, does not boot again."""
     before = upgraded(bench)

@@ -85,7 +85,7 @@ def check_nak(bench: Bench, block: bytes) -> None:
 # The queue
 
 
-@case("BLK-024", "ACK-002", "REQ-003")
+@case("BLK-024", "ACK-002", "REQ-003", since=2)
 def test_free_counts_the_places_of_the_queue(bench: Bench) -> None:
     """As many changes as INFO says can wait; `free` counts down to 0 after each, in STATUS too."""
     begin(bench)

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from operator import attrgetter
 
 import pytest
+from phasewire.emulator.faults import DeadProcessor
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect, unmet
@@ -38,6 +39,8 @@ MOST_JUDGED = 4000
 """Periods of silence that are examined, out of many."""
 SOON = 5.0
 LEAVES_SECONDS = 2.0
+STARTS_SECONDS = 0.3
+"""Within a start that lasts a second or more."""
 LINE_CODING = bytes([0x80, 0x25, 0, 0, 2, 1, 7])
 LINE_CODING_AT_FIRST = bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8])
 COUNTERS = ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages")
@@ -167,7 +170,7 @@ def test_any_number_is_accepted_after_a_restart(bench: Bench, restart: Restart) 
     expect("the reason for its number again", bench.send(NoOp(), number=old).reason, Reason.SEQUENCE)
 
 
-@case("TIM-002/2", "CHN-026", allow=(Risk.RESET,))
+@case("TIM-002/2", "TIM-002/3", "CHN-026", allow=(Risk.RESET,))
 @either_restart
 def test_a_device_that_answers_counts_periods_and_knows_its_processors(bench: Bench, restart: Restart) -> None:
     """The first answer after RESET or power-up knows all ten processors and a pulse on the sync line."""
@@ -273,6 +276,19 @@ def test_the_console_is_as_at_first_after_a_restart(bench: Bench, restart: Resta
     if coding != LINE_CODING_AT_FIRST and CONSOLE in bench.usb.from_kernel:
         raise Inconclusive("the computer's serial driver sets the line coding before a program can ask for it")
     expect("the line coding", coding, LINE_CODING_AT_FIRST)
+
+
+@case("TIM-002", "SER-010", needs=(Need.FAULTS,), features=Feature.CONSOLE, allow=(Risk.RESET,), line="serial", since=3)
+def test_what_arrives_while_a_device_starts_is_dropped(bench: Bench) -> None:
+    """A damaged frame that arrives while the device looks for the end of its chain is neither counted nor answered."""
+    if bench.line.kind == "usb":
+        raise Inconclusive("this applies to a device that is used over a serial line alone")
+    bench.levers.cause(DeadProcessor(processor=5))  # the one before it waits for a second
+    bench.order(Request.RESET)
+    bench.wait(STARTS_SECONDS)
+    bench.serial.write(b"\0damaged\0" * 3)
+    bench.restart(lambda: None)
+    expect("dropped_frames", bench.status().dropped_frames, 0)
 
 
 # Suspend

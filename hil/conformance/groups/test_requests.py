@@ -61,6 +61,8 @@ from phasewire.protocol.codes import (
 )
 from phasewire.protocol.requests import Setup
 
+MANY = 1_000_000
+
 IN, OUT = 0xC1, 0x41
 SIZES = {1: 64, 2: 64, 3: 2 * CHANNELS, 9: 24, 10: 16 + PAYLOAD_BYTES, 11: 16 * PROCESSORS}
 """Bytes of the answer to each request that has one (REQ-002 to REQ-008), by its number."""
@@ -798,6 +800,18 @@ def test_the_warmest_board_is_in_the_status(bench: Bench) -> None:
     seen = [report.temperature_c for report in bench.processors()]
     expect("temperatures", seen, [-7, -7, -8, -8, -9, -9, -2, -2, -11, -11])
     expect("temperature_c in STATUS", bench.status().temperature_c, -2)
+
+
+@case("REQ-008", "CHN-017/2", needs=(Need.FAULTS,), allow=(Risk.RESET,), since=3)
+def test_of_a_processor_that_never_answers_only_the_identity_is_known(bench: Bench) -> None:
+    """A processor that was numbered, and whose reports are all damaged, is reported with bank and firmware alone."""
+    place, well = 4, bench.ask(Request.PROCESSORS)
+    bench.levers.cause(FlippedBit(message="report", processor=place, token=12, times=MANY))
+    bench.restart(lambda: bench.order(Request.RESET))
+    bench.outlast(0.06)
+    identity = bytes(3) + well[3:4] + bytes(8) + well[12:15] + bytes(1)
+    expect("what is known of it", bench.ask(Request.PROCESSORS)[16 * place :][:16], identity)
+    assert Fault.PROCESSOR in bench.status().faults, "the fault PROCESSOR is missing, although a processor is silent"
 
 
 @case("REQ-008", "REQ-003", "CHN-004/2", "SAF-008", needs=(Need.FAULTS,), features=Feature.SEQUENCES)

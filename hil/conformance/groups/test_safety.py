@@ -154,7 +154,7 @@ def test_the_status_says_that_the_watchdog_fired_until_enable(bench: Bench) -> N
     expect("the flags after DISABLE", bench.status().flags, StatusFlag(0))
 
 
-@case("REQ-009", "SAF-003")
+@case("REQ-009", "SAF-003", since=2)
 def test_a_shorter_watchdog_time_holds_at_once(bench: Bench) -> None:
     """If the last sign of life is longer ago than the new watchdog time, the watchdog fires with the request."""
     enable(bench)

@@ -29,11 +29,13 @@ from phasewire.hil.conformance.tools.exchange import (
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
 from phasewire.hil.conformance.tools.steps import LONG_MS, enable
+from phasewire.hil.conformance.tools.watchdog import await_firing, check_not_yet
 from phasewire.protocol.blocks import NoOp, Slot, Update, pack
-from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
+from phasewire.protocol.board import CARRIER_HZ, CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import (
     BLOCK_BYTES,
     SERIAL_DATA_BYTES,
+    SILENT_PERIODS,
     AckFlag,
     Fault,
     Feature,
@@ -56,6 +58,7 @@ MOST_FRAME_BYTES = 658
 ASK_CLOCK = Setup(VENDOR_IN, Request.CLOCK, 0, 0, 24)
 ENABLE = Setup(VENDOR_OUT, Request.ENABLE, 0, 0, 0)
 SHARED_WATCHDOG_MS = 200
+UNREAD_LINES = 40
 ANSWER_SECONDS = 0.02
 """Clause SER-013."""
 LEAVE_SECONDS = 0.3
@@ -758,7 +761,7 @@ def test_a_second_block_that_would_wait_is_dropped(bench: Bench, frames: RawSeri
     expect("the count of lost blocks", after.lost, before.lost + 1)
 
 
-@case("SER-011", "ACK-006/1", "SAF-003")
+@case("SER-011", "ACK-006/1", "SAF-003", since=2)
 def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: RawSerialLine) -> None:
     """A block that waits does not feed the watchdog; when it fires, the block is judged first, then the record sent."""
     milliseconds = 400
@@ -786,6 +789,21 @@ def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: RawSerialLi
     came = [record for body in frames.frames(RECORD) for record in records(body)]
     expect("the kinds of records that come", [type(record).__name__ for record in came], ["Ack", "Status"])
     expect("accepted blocks in that record", [status.accepted for status in statuses(frames)], [before.accepted + 1])
+
+
+@case("SAF-003", "SER-011", since=3)
+def test_a_block_that_waited_is_a_sign_of_life_when_it_is_judged(bench: Bench, frames: RawSerialLine) -> None:
+    """The watchdog counts from the tick in which a block that waited is judged, which is later than its arrival."""
+    first = fill(bench, frames, 1.5 * bench.slowness)[0].commit_period
+    bench.wait_until(first - round(CARRIER_HZ * 0.75 * bench.slowness))
+    order(frames, Request.WATCHDOG, ms := 5000 * bench.slowness)
+    block = no_op(bench)
+    frames.write(b"\0" + frame(BLOCK, block))
+    ask(frames, Request.CLOCK)
+    latest = first * TICKS_PER_PERIOD
+    check_not_yet(bench, latest - TICK_HZ // 2)
+    expect("the reason", await_ack(frames, block, 2 * bench.slowness).reason, Reason.ACCEPTED)
+    await_firing(bench, latest - SILENT_PERIODS * TICKS_PER_PERIOD, latest, ms)
 
 
 @case("SER-010", "SER-011")
@@ -1025,6 +1043,20 @@ def test_a_console_that_is_not_read_delays_no_block(bench: Bench, console: RawSe
         f"a block and a request take {min(beside)} ticks or more while a console is not read, "
         f"and {max(before + after)} or fewer before and after that"
     )
+
+
+@case("SER-013", "CON-002", line="usb", since=3)
+def test_a_console_that_is_not_read_loses_no_answer(bench: Bench, console: RawSerialLine) -> None:
+    """A console answers all lines that it took while nobody read, each answer whole, once somebody reads."""
+    took, end = 0, b"ok\r\n> "
+    while took < UNREAD_LINES and bench.usb.write(CONSOLE_OUT, b"boards\r", 0.01) == len(b"boards\r"):
+        took += 1
+    assert took, "the console takes no line"
+    text = console.read(console.patience(took * 2000), lambda data: data.count(end) >= took) + console.rest()
+    answers = text.split(end)
+    assert len(answers) > took, f"{len(answers) - 1} answers come, should be {took}: the console took so many lines"
+    expect("processors in each answer", {answer.count(b"processor ") for answer in answers[:-1]}, {PROCESSORS})
+    expect("what comes after them", answers[-1], b"")
 
 
 def exchanges(bench: Bench) -> list[int]:

@@ -194,7 +194,7 @@ def follow_sequence(bench: Bench, body: Callable[[int], Body], periods: int, *, 
 
 @pytest.mark.parametrize("unattended", [False, True], ids=["attended", "unattended"])
 @pytest.mark.parametrize("what", FOLLOWERS)
-@case("STA-002", "STA-003", "ACK-006/1", features=Feature.SEQUENCES | Feature.MODULATION)
+@case("STA-002", "STA-003", "ACK-006/1", features=Feature.SEQUENCES | Feature.MODULATION, since=2)
 def test_a_change_in_the_period_in_which_a_sequence_ends_is_the_only_event(
     bench: Bench, what: str, unattended: bool
 ) -> None:
@@ -206,7 +206,7 @@ def test_a_change_in_the_period_in_which_a_sequence_ends_is_the_only_event(
     expect_state(bench, state)
 
 
-@case("STA-002", "SAF-003", "SAF-005", features=Feature.SEQUENCES | Feature.UNATTENDED)
+@case("STA-002", "SAF-003", "SAF-005", features=Feature.SEQUENCES | Feature.UNATTENDED, since=2)
 def test_the_watchdog_starts_in_the_period_in_which_an_update_follows_an_unattended_sequence(bench: Bench) -> None:
     """The watchdog counts from the period in which an UPDATE replaces an unattended sequence at its end."""
     ms = patience(bench)

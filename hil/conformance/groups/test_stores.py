@@ -308,7 +308,7 @@ def free_from(bench: Bench, body: Body, period: int) -> None:
         raise TooSlow("the line was too slow to send a store before what played had ended")
 
 
-@case("BLK-022", "SAF-004/1", features=FEATURES)
+@case("BLK-022", "SAF-004/1", features=FEATURES, since=2)
 @of_each
 @pytest.mark.parametrize("when", ["playing", "queued"])
 def test_disable_frees_what_played(bench: Bench, what: str, when: str) -> None:

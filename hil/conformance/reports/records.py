@@ -54,6 +54,7 @@ def _result(result: Result) -> dict[str, Any]:
         "breaks": result.breaks,
         "reason": result.reason,
         "tally": result.tally,
+        "changed": list(result.changed),
         "known": result.known,
         "seconds": result.seconds,
         "evidence": [asdict(item) for item in result.evidence],

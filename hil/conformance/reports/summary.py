@@ -107,8 +107,8 @@ def _cases(number: int) -> str:
 
 
 def why(result: Result) -> str:
-    """The reason of a case's verdict and, for a failure, how often it failed."""
-    return ": ".join(filter(None, (result.tally, result.reason)))
+    """The reason of a case's verdict and, for a failure, how often it failed and which of its clauses are newer."""
+    return "; ".join(filter(None, (": ".join(filter(None, (result.tally, result.reason))), *result.changed)))
 
 
 def abridged(item: Evidence, most: int = MOST_CHARACTERS) -> Evidence:

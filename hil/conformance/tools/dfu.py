@@ -20,13 +20,11 @@ from ....protocol.codes import (
 from ....protocol.dfu import DfuReply
 from ....protocol.enumeration import DFU_INTERFACE, LANGUAGE
 from ....protocol.requests import DIRECTION_IN, Setup
-from ..bench import Bench
+from ..bench import RETURN_SECONDS, Bench
 
 __all__ = ["BUSY", "RawDfuLine", "dfu_mode"]
 
 DETACH_MS = 1000
-RETURN_SECONDS = 15.0
-"""Time until a device is back in either mode."""
 SPARE_MS = 10
 """Extra wait if the busy time itself is not judged: polling too early ends a download."""
 MOST_POLLS = 200

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from phasewire.hil.conformance.cases import expect
+from phasewire.hil.conformance.cases import case, expect
 from phasewire.protocol.codes import DfuState, Fault, Reason, Request, State
 from phasewire.protocol.requests import Setup
 
@@ -40,3 +40,12 @@ def test_codes_are_shown_by_name(seen: object, wanted: object, said: str) -> Non
 )
 def test_a_request_has_a_name(setup: Setup, name: str) -> None:
     assert setup.name == name
+
+
+def test_a_case_asks_for_a_revision_in_which_one_of_its_clauses_changed() -> None:
+    def judged() -> None:
+        """It is so."""
+
+    case("SER-011/1", "BLK-003", since=2)(judged)
+    with pytest.raises(ValueError, match="none of SER-011, BLK-003 changed in revision 3"):
+        case("SER-011", "BLK-003", since=3)(judged)

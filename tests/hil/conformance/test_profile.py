@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from phasewire.errors import InputFileError
 from phasewire.hil.conformance.profile import Profile, read_profile
+from phasewire.protocol.codes import PROTOCOL_REVISION
 from phasewire.protocol.wiring import Wiring
 
 WHOLE = """
 name = "revision C"
+revision = 1
 
 [not-applicable]
 serial = "no UART is fitted"
@@ -44,6 +46,7 @@ def whole(file: Path) -> Profile:
 def test_everything_that_a_profile_says_is_read(whole: Profile) -> None:
     assert (whole.name, whole.vendor, whole.product) == ("revision C", 0x1209, 0xF00D)
     assert whole.probes == {"D0": "b2p1_07", "D1": "t0"}
+    assert whole.revision == 1
 
 
 def test_a_name_is_enough(file: Path) -> None:
@@ -52,6 +55,23 @@ def test_a_name_is_enough(file: Path) -> None:
     assert profile == Profile("plain")
     assert (profile.vendor, profile.product) == (None, None)
     assert profile.reason_for("blocks/a", "blocks", ("BLK-003",)) is None
+
+
+@pytest.mark.parametrize("written", ["0", str(PROTOCOL_REVISION + 1), '"1"', "true"])
+def test_a_revision_is_one_that_there_is(file: Path, written: str) -> None:
+    file.write_text(f'name = "x"\nrevision = {written}', encoding="utf-8")
+    with pytest.raises(InputFileError, match=f"revision.* 1 to {PROTOCOL_REVISION}"):
+        read_profile(file)
+
+
+def test_what_is_newer_than_the_revision_does_not_apply() -> None:
+    old = Profile(revision=1)
+    assert old.reason_for("serial/a", "serial", ("SER-011", "SAF-003"), 2) == (
+        "SER-011 changed in revision 2, SAF-003 changed in revision 3, "
+        "and the profile declares that the device keeps revision 1"
+    )
+    assert old.reason_for("serial/a", "serial", ("SER-011", "SAF-003"), 1) is None
+    assert Profile(revision=2).reason_for("serial/a", "serial", ("SER-011",), 2) is None
 
 
 @pytest.mark.parametrize("written", ['"0x1209"', '"1209"', "0x1209", "4617"])
@@ -93,7 +113,7 @@ def test_a_transducer_s_probe_sits_where_the_device_is_wired(whole: Profile) -> 
         ("", "name: it is missing; it must be text"),
         ("name = ' '", "name = ' ': it must be text that is not empty"),
         ("name = 7", "name = 7: it must be text"),
-        ("name = 'x'\nvendor = 1", "vendor = 1: no such key; known are name, not-applicable, device, capture"),
+        ("name = 'x'\nvendor = 1", "vendor = 1: no such key; known are name, revision, not-applicable, device"),
         ("name = 'x'\ndevice = 7", "device = 7: it must be a table, which begins with [device]"),
         ("name = 'x'\n[device]\nserial = 'A'", "[device]: serial = 'A': no such key; known are vendor, product"),
         ("name = 'x'\n[device]\nvendor = 65536", "[device]: vendor = 65536: it must be a number of 16 bits"),

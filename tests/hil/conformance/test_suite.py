@@ -19,6 +19,7 @@ from phasewire.emulator.doors.umockdev import run_under_mock
 from phasewire.emulator.firmware.loader import DeviceIdentity, make_flash
 from phasewire.hil.conformance import Run, Verdict
 from phasewire.hil.conformance.cases import NOT_USB, Need, Risk, unmet
+from phasewire.hil.conformance.clauses import revisions
 from phasewire.hil.conformance.matrix import Matrix
 from phasewire.hil.conformance.plugin import CatalogueCase
 from phasewire.hil.conformance.profile import Profile
@@ -43,6 +44,17 @@ def test_every_must_has_a_case_or_a_reason_and_none_has_both(entries: list[Catal
     matrix = Matrix.of(entry.claim for entry in entries)
     assert [row.name for row in matrix.missing()] == []
     assert [row.name for row in matrix.needless()] == []
+
+
+BY_UNIT_TESTS = {("FWU-020", 3)}
+"""What a device answers on a UART before USB has configured it: no bench has both."""
+
+
+def test_every_change_of_a_revision_has_a_case_that_asks_for_it(entries: list[CatalogueCase]) -> None:
+    asked = {(clause.partition("/")[0], each.about.since) for each in entries for clause in each.about.clauses}
+    changed = {(clause, number) for clause, numbers in revisions().items() for number in numbers}
+    assert len(changed) > 10
+    assert changed - asked == BY_UNIT_TESTS
 
 
 def test_every_case_has_a_name_of_its_own_and_says_in_one_or_two_sentences_what_it_does(

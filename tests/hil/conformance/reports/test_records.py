@@ -62,6 +62,7 @@ def test_every_field_of_a_result_is_written_and_texts_stay_unchanged() -> None:
         "breaks": True,
         "reason": "the state is OFF, should be READY",
         "tally": "failed 2 of 2",
+        "changed": [],
         "known": None,
         "seconds": 0.5,
     }

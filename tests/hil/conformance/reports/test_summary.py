@@ -15,6 +15,7 @@ from phasewire.hil.conformance.reports.summary import (
     rolled_up,
     standing,
     verdict_line,
+    why,
 )
 from phasewire.hil.conformance.verdicts import Result, Run, Verdict
 
@@ -27,6 +28,14 @@ def run(*verdicts: Verdict, known: str | None = None, trouble: tuple[str, ...] =
 
 
 PASS, FAIL, WARN, OPEN, NONE = Verdict
+
+
+def test_a_failure_says_which_of_its_clauses_are_newer_than_the_first_revision() -> None:
+    clauses = ("SER-011/1", "SER-011", "BLK-003", "FWU-020/3")
+    told = "SER-011 changed in revision 2; FWU-020 changed in revision 2; FWU-020 changed in revision 3"
+    assert why(Result("a/b", clauses, "", FAIL, "it is so")) == f"failed 1 of 1: it is so; {told}"
+    assert why(Result("a/b", clauses, "", OPEN, "it is so")) == "it is so"
+    assert why(Result("a/b", ("BLK-003",), "", FAIL, "it is so")) == "failed 1 of 1: it is so"
 
 
 @pytest.mark.parametrize(
