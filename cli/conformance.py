@@ -26,7 +26,7 @@ from ..host.lines.opening import DEFAULT_URL
 from ..signals import SIGNALLED, loading, postponing
 from ..storage import check_outputs, replacing
 from .commands import FAILED, WRONG_USE, complain, message
-from .console import JsonOption, among, console_for, error_console, given, write_json
+from .console import JsonOption, among, console_for, error_console, given, print_list, write_json
 from .options import DeviceOption, note_where_fresh
 
 if TYPE_CHECKING:
@@ -38,8 +38,6 @@ __all__ = ["commands"]
 
 EMULATOR, SIGROK, NONE = "emulator", "sigrok:", "none"
 LIST_FORMAT = "phasewire-conformance-matrix-1"
-LIST_COLUMNS = 10_000
-"""Wide enough for every name and reason."""
 OF_MUTANTS = ("mutants", "jobs", "thorough", "table", "json_target")
 
 commands = typer.Typer(rich_markup_mode=None)
@@ -309,9 +307,7 @@ def _list(json_target: str | None, only: tuple[str, ...], meaningless: list[str]
     matrix = Matrix.of(entry.claim for entry in selected(catalogue(), only))
     if only:
         matrix = matrix.shown()
-    out = console_for(json_target)
-    # A terminal folds long names; elsewhere each is whole on its line, so that it can be searched.
-    out.print(matrix.table(), width=None if out.is_terminal else LIST_COLUMNS, soft_wrap=False)
+    print_list(console_for(json_target), matrix.table())
     write_json(json_target, {"format": LIST_FORMAT} | matrix.record())
 
 

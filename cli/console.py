@@ -12,10 +12,14 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.table import Table
 
 from ..storage import replacing
 
-__all__ = ["JsonOption", "among", "console_for", "error_console", "given", "write_json"]
+__all__ = ["JsonOption", "among", "console_for", "error_console", "given", "print_list", "write_json"]
+
+LIST_COLUMNS = 10_000
+"""Wide enough for every name and reason."""
 
 JsonOption = Annotated[
     str | None,
@@ -41,6 +45,15 @@ class _Console(Console):
 def _console(on_standard_error: bool) -> Console:
     # Texts contain names of files, in which [red] and :key: are not markup.
     return _Console(stderr=on_standard_error, markup=False, emoji=False, highlight=False, soft_wrap=True)
+
+
+def print_list(out: Console, table: Table) -> None:
+    """Print a table with long names: a terminal folds them; elsewhere each is whole on its line, to be searched."""
+    for column in table.columns:
+        column.overflow = "fold"
+    if not out.is_terminal:
+        out.width = LIST_COLUMNS
+    out.print(table)
 
 
 def write_json(target: str | None, record: dict[str, Any]) -> None:

@@ -18,20 +18,10 @@ import typer
 from rich.console import Console
 
 from ..hil.recordings import FORMATS, open_recording, read_recording
-from ..hil.traffic import Piece, Traffic, hex_bytes
+from ..hil.traffic import DESCRIBERS, Piece, Traffic, hex_bytes
 from ..hil.usbmon import UsbAddress
 from ..protocol.board import COLUMNS
-from ..protocol.describe import (
-    Description,
-    Violation,
-    describe_block,
-    describe_frame,
-    describe_image,
-    describe_message,
-    describe_record,
-    describe_request,
-    describe_text,
-)
+from ..protocol.describe import Description, Violation, describe_request
 from ..protocol.pulses import Pulses
 from ..storage import check_outputs, replacing
 from .console import JsonOption, among, console_for
@@ -144,21 +134,6 @@ def _described(piece: Piece) -> Description:
     return DESCRIBERS[piece.traffic](piece.data)
 
 
-def _describe_other(data: bytes) -> Description:
-    return Description("transfer", f"{len(data)} bytes of something else")
-
-
-DESCRIBERS: dict[Traffic, Callable[[bytes], Description]] = {
-    Traffic.BLOCK: describe_block,
-    Traffic.RECORD: describe_record,
-    Traffic.FRAME: describe_frame,
-    Traffic.TEXT: describe_text,
-    Traffic.FIRMWARE: describe_image,
-    Traffic.MESSAGE: describe_message,
-    Traffic.OTHER: _describe_other,
-}
-
-
 def _print_piece(out: Console, piece: Piece, description: Description, list_pulses: bool) -> None:
     """Print a line about a piece, and what is wrong with it below.
 
@@ -168,8 +143,7 @@ def _print_piece(out: Console, piece: Piece, description: Description, list_puls
     line = f"{piece.where:<19} {time}{piece.direction or '':<4}{description.kind:<16}{description.summary}"
     out.out(line, style=None if description.valid else "red")
     for finding in description.findings:
-        code = " ".join(filter(None, (finding.reason, finding.clause)))
-        out.out(f"    ✗ {code}{': ' if code else ''}{finding.text}", style="red")
+        out.out(f"    ✗ {finding.said}", style="red")
     if list_pulses and description.pulses is not None:
         for row in _pulse_rows(description.pulses):
             out.out(f"    {row}")

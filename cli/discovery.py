@@ -17,7 +17,7 @@ from ..host.finding.findings import CheckVerdict
 from ..host.lines.opening import URL_VARIABLE, refuse_rig
 from ..storage import check_outputs
 from .completion import device_urls
-from .console import JsonOption, console_for, error_console, write_json
+from .console import JsonOption, console_for, error_console, print_list, write_json
 from .rigs import show_rig
 from .telling import as_record, count, failed, tell
 
@@ -48,9 +48,7 @@ def devices(
     for scheme, why in failures.items():
         error_console().print(f"warning: {scheme}: {why}", style="yellow")
     if found:
-        table = Table()
-        for column in ("url", "product", "serial number", "mode", "firmware", "location", "problem"):
-            table.add_column(column, overflow="fold")
+        table = Table("url", "product", "serial number", "mode", "firmware", "location", "problem")
         for each in found:
             table.add_row(
                 each.url,
@@ -61,7 +59,7 @@ def devices(
                 each.location,
                 each.problem or "",
             )
-        console_for(json_target).print(table)
+        print_list(console_for(json_target), table)
     record = {"format": "phasewire-devices-1", "devices": [asdict(each) for each in found], "failures": dict(failures)}
     write_json(json_target, record)
     if not found:

@@ -17,7 +17,7 @@ from ..host.firmware.keys import read_public_keys
 from ..host.lines.opening import DEFAULT_URL
 from ..protocol.plain import plain
 from ..storage import check_outputs
-from .console import JsonOption, console_for, error_console, given, write_json
+from .console import JsonOption, console_for, error_console, given, print_list, write_json
 from .options import DeviceOption, note_where_fresh
 
 if TYPE_CHECKING:
@@ -160,13 +160,12 @@ def _list(device: str, json_target: str | None) -> None:
     from ..host.firmware.flashing import find_flashable
 
     found = find_flashable(device)
-    out = console_for(json_target)
     table = Table("url", "product", "mode", "firmware", "bank", "problem", box=None, pad_edge=False)
     for each in found:
         bank = each.bank.name if each.bank else "–"
         table.add_row(each.url, each.product, each.mode, str(each.firmware), bank, each.problem or "")
     if found:
-        out.print(table)
+        print_list(console_for(json_target), table)
     devices = [plain(each._asdict()) | {"firmware": str(each.firmware)} for each in found]
     write_json(json_target, {"format": "phasewire-flash-list-1", "devices": devices})
     if not found:

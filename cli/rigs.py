@@ -11,7 +11,7 @@ from rich.table import Table
 from ..host.finding.rigs import look_at_rig
 from ..host.playing.rig import read_rig
 from ..solver.geometry import counted
-from .console import console_for, error_console, write_json
+from .console import console_for, error_console, print_list, write_json
 
 __all__ = ["show_rig"]
 
@@ -27,12 +27,12 @@ def show_rig(path: Path, json_target: str | None) -> None:
     out = console_for(json_target)
     table = Table()
     for column in COLUMNS:
-        table.add_column(column, overflow="fold", min_width=max(map(len, column.split())))
+        table.add_column(column, min_width=max(map(len, column.split())))
     for each in devices:
         ahead = "" if each.periods_ahead is None else str(each.periods_ahead)
         centre, looks = _triple([1e3 * length for length in each.centre], 1), _triple(each.direction, 2)
         table.add_row(each.name, each.url, each.serial, str(each.transducers), centre, looks, ahead)
-    out.print(table)
+    print_list(out, table)
     for each in devices:
         problem = f"{each.name}: {each.problem}"
         if each.problem and problem != str(error):  # which comes last

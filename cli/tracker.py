@@ -17,7 +17,7 @@ from ..host.hands.sources import SCHEMES, files_of, open_hands, schemes
 from ..host.lines.opening import entries
 from ..storage import check_outputs
 from .completion import hand_urls
-from .console import JsonOption, console_for, write_json
+from .console import JsonOption, console_for, print_list, write_json
 from .telling import as_record, count, failed, tell
 
 __all__ = ["commands"]
@@ -89,9 +89,7 @@ def tracker(
 def _list_sources(json_target: str | None) -> None:
     """List the sources, and whether each could be opened."""
     known = schemes()
-    table = Table()
-    for column in ("source", "what", "usable", "found"):
-        table.add_column(column, overflow="fold")
+    table = Table("source", "what", "usable", "found")
     sources = []
     for name in sorted(entries(SCHEMES)):
         if name in known:
@@ -101,7 +99,7 @@ def _list_sources(json_target: str | None) -> None:
             listed = {"form": f"{name}:", "help": "", "ready": False, "says": "it cannot be loaded; install it again"}
         table.add_row(str(listed["form"]), str(listed["help"]), "yes" if listed["ready"] else "no", str(listed["says"]))
         sources.append({"scheme": name} | listed)
-    console_for(json_target).print(table)
+    print_list(console_for(json_target), table)
     write_json(json_target, {"format": FORMAT, "sources": sources})
 
 

@@ -7,7 +7,7 @@ bytes and of hex text are in this module; `usbmon` reads captures of a USB bus.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import BinaryIO, Literal
@@ -15,11 +15,21 @@ from typing import BinaryIO, Literal
 from ..errors import FrameError, InputFileError
 from ..protocol import framing
 from ..protocol.codes import ACK_MAGIC, BLOCK_BYTES, IMAGE_MAX_BYTES, RECORD_BYTES, STATUS_MAGIC
+from ..protocol.describe import (
+    Description,
+    describe_block,
+    describe_frame,
+    describe_image,
+    describe_message,
+    describe_record,
+    describe_text,
+)
 from ..protocol.firmware import SUFFIX_BYTES
 from ..protocol.framing import DELIMITER
 from ..protocol.replies import Ack, Status
 
 __all__ = [
+    "DESCRIBERS",
     "LineCutter",
     "Piece",
     "Traffic",
@@ -62,6 +72,22 @@ class Traffic(StrEnum):
     MESSAGE = "message"
     FIRMWARE = "firmware image"
     OTHER = "other"
+
+
+def _describe_other(data: bytes) -> Description:
+    return Description("transfer", f"{len(data)} bytes of something else")
+
+
+DESCRIBERS: Mapping[Traffic, Callable[[bytes], Description]] = {
+    Traffic.BLOCK: describe_block,
+    Traffic.RECORD: describe_record,
+    Traffic.FRAME: describe_frame,
+    Traffic.TEXT: describe_text,
+    Traffic.FIRMWARE: describe_image,
+    Traffic.MESSAGE: describe_message,
+    Traffic.OTHER: _describe_other,
+}
+"""What explains the bytes of each kind of traffic but requests, which `describe_request` does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,10 +174,10 @@ class LineCutter:
     Frames are returned as they stand, without the zero that ends them, and are not judged.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, in_console: bool = True) -> None:
         self._held = b""
         self._offset = 0
-        self._in_console = True
+        self._in_console = in_console
 
     def feed(self, data: bytes) -> Iterator[tuple[int, Traffic, bytes]]:
         """Take the next data; yields offset, kind and bytes of everything that is then complete."""

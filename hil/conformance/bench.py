@@ -13,7 +13,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import is_dataclass
 from functools import cached_property
 from math import ceil
 from types import MappingProxyType
@@ -36,7 +35,7 @@ from ...protocol.codes import (
     Request,
     State,
 )
-from ...protocol.framing import MAX_FRAME_BYTES
+from ...protocol.framing import MAX_FRAME_BYTES, LineMode
 from ...protocol.plain import plain
 from ...protocol.pulses import Pulses
 from ...protocol.replies import (
@@ -53,18 +52,21 @@ from ...protocol.replies import (
 )
 from ...protocol.requests import VALUES, Setup
 from ...protocol.wiring import Wiring
+from ..traffic import Traffic
 from .cases import NOT_USB, Inconclusive, Need, Risk, TooSlow, unmet
 from .levers import METHODS, LeverFailed, PluggedLevers
 from .lines.line import RawLine
 from .lines.serial import CdcWire, RawSerialLine
 from .lines.usb import RawUsbLine
+from .log import CaseLog
 from .profile import Profile
 from .sight.capture import Observer, Seen, Unseen
 from .sight.marks import MARK_PULSES, Mark
-from .verdicts import Evidence
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    from .verdicts import Evidence
 
 __all__ = ["LOW_DRIVE", "MOST_SLOWNESS", "OUTPUTS", "POWERS", "RETURN_SECONDS", "TOLD_PERIODS", "Bench", "Lost"]
 
@@ -83,19 +85,14 @@ SLICE_SECONDS, LONGEST_SLICE_SECONDS = 0.01, 0.2
 """How long to wait for a transfer of blocks, which may be larger than the device's buffers, before records are read."""
 MOST_SLOWNESS = 64
 """Periods are then named 3.2 s ahead."""
-NOTES = 60
-"""Pieces of evidence kept for a case: the first half, and the newest."""
 OFF_SECONDS = 0.1
 """How long a device is without power."""
 LEAVES_SECONDS = 2.0
 """Time for a device without power or cable to leave the bus."""
 RETURN_SECONDS = RESTART_SECONDS + 1.0
 """Time for a device to come back after a restart (clause TIM-002), and for the computer to find it."""
-SHOWN_BYTES = 64
 NOTED_BLOCKS = 8
 """Blocks of one transfer that are kept as evidence."""
-NOTED_BYTES = 1024
-"""Bytes of a serial line, one way, that are kept as one piece of evidence."""
 OUTPUTS = "outputs"
 """Label of the evidence on judged outputs."""
 DECODERS: Mapping[Request, Callable[[bytes], object]] = {
@@ -194,8 +191,7 @@ class Bench:
         self._free_time = free_time
         self.profile = profile
         self._serial: RawSerialLine | None = line if isinstance(line, RawSerialLine) else None
-        self._notes: deque[tuple[str, str | bytes]] = deque()
-        self._dropped = 0
+        self._log = CaseLog()
         self.looks: list[Callable[[], str]] = []
         self._marks: list[Mark] = []
         self.marks: list[Mark] = []
@@ -295,7 +291,7 @@ class Bench:
         if self._spare is None:
             raise Inconclusive(unmet(Need.SPARE))
         with self._spare(key) as other:
-            other._notes, other.looks = self._notes, self.looks
+            other._log, other.looks = self._log, self.looks
             yield other
 
     @property
@@ -305,40 +301,33 @@ class Bench:
 
     # Evidence
 
-    def note(self, label: str, what: object) -> None:
-        """Keep something as evidence; bytes are shown in hexadecimal, records by their fields."""
-        self._notes.append((label, bytes(what) if isinstance(what, bytes | bytearray) else _said(what)))
-        if len(self._notes) > NOTES:
-            del self._notes[NOTES // 2]
-            self._dropped += 1
+    def note(self, label: str, what: object, traffic: Traffic = Traffic.OTHER, setup: bytes = b"") -> None:
+        """Keep something as evidence; see `CaseLog.note`."""
+        self._log.note(label, what, traffic, setup)
 
     def note_blocks(self, blocks: Sequence[bytes]) -> None:
         """Keep blocks that are sent in one go as evidence: the first ones, if there are many."""
         for block in blocks[:NOTED_BLOCKS]:
-            self.note("block", block)
+            self.note("block", block, Traffic.BLOCK)
         if len(blocks) > NOTED_BLOCKS:
             self.note("blocks", f"and {len(blocks) - NOTED_BLOCKS} more")
 
     def _note_bytes(self, label: str, data: bytes) -> None:
-        """Keep bytes of a serial line as evidence, with those that went the same way just before."""
-        if self._notes and self._notes[-1][0] == label and len(before := self._notes[-1][1]) < NOTED_BYTES:
-            assert isinstance(before, bytes)
-            self._notes[-1] = (label, before + data)
-        else:
-            self.note(label, data)
+        is_text = self._serial is not None and self._serial.mode is LineMode.CONSOLE
+        self._log.note_line(label, data, Traffic.TEXT if is_text else Traffic.FRAME)
 
     def evidence(self, *, whole: bool = False) -> tuple[Evidence, ...]:
         """The log since the case began; of many bytes only the first, or all of them."""
-        shown = [Evidence(label, _shown(what, whole=whole)) for label, what in self._notes]
-        if self._dropped:
-            shown.insert(NOTES // 2, Evidence("…", f"{self._dropped} more"))
-        return tuple(shown)
+        return self._log.evidence(whole=whole)
+
+    def over(self, error: BaseException | None = None) -> None:
+        """The case is over, or has failed: what is noted from now on is clean-up."""
+        self._log.end(error)
 
     def forget(self) -> None:
         """Start with no evidence."""
-        self._notes.clear()
+        self._log.forget()
         self.looks.clear()
-        self._dropped = 0
 
     # Cases
 
@@ -487,16 +476,17 @@ class Bench:
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
         """Make any control request; returns the answer, or None for STALL."""
         answer = self.line.request(setup, data)
-        sent = f"{setup.encode().hex(' ')} {setup.name}"
-        self.note("request", f"{sent}, with {_hex(data)}" if data else sent)
-        self.note("answer", "STALL" if answer is None else answer or "done")
+        self.note("request", setup.encode() + data, Traffic.REQUEST)
+        self.note("answer", "STALL" if answer is None else answer or "done", Traffic.REQUEST, setup.encode())
         return answer
 
     def ask(self, request: Request, value: int = 0) -> bytes:
         """Make a vendor request with an answer; fails if it is answered with STALL or with another length."""
         size = ANSWER_BYTES[request]
-        answer = self.line.request(Setup(REQUEST_TYPE_IN, request, value, 0, size))
-        self.note(request.name, "STALL" if answer is None else _decoded(request, answer))
+        setup = Setup(REQUEST_TYPE_IN, request, value, 0, size)
+        answer = self.line.request(setup)
+        said = "STALL" if answer is None else _decoded(request, answer)
+        self.note(request.name, said, Traffic.REQUEST, setup.encode())
         assert answer is not None, f"{request.name} is answered with STALL"
         assert len(answer) == size, f"{request.name} answers {len(answer)} bytes, should be {size}"
         return answer
@@ -680,7 +670,7 @@ class Bench:
             seconds += self.line.transit(2 * MAX_FRAME_BYTES) if isinstance(self.line, RawSerialLine) else 0.0
         found = b"".join([self.line.receive_records(left) for left in self._looks(seconds)])
         if found:
-            self.note("came", found)
+            self.note("came", found, Traffic.RECORD)
         return records(found)
 
     def keep_alive(self, seconds: float, every: float = 0.02) -> None:
@@ -775,7 +765,18 @@ class Bench:
             watched = np.bitwise_count(seen.observed).sum()
             return f"{watched} of {CHANNELS} seen in periods {first} to {last - 1}, {moved} of them high at some time"
 
-        self.looks.append(look if observer is not None and observer.deferred else _done(look))
+        self.looks.append(look if observer is not None and observer.deferred else self._done(look))
+
+    def _done(self, look: Callable[[], str]) -> Callable[[], str]:
+        """Judge now, and report later."""
+        done = Future[str]()
+        try:
+            done.set_result(look())
+        except Exception as error:
+            done.set_exception(error)
+            if not isinstance(error, Inconclusive):
+                self._log.mark_wrong()
+        return done.result
 
     def play_mark(self) -> None:
         """Let the outputs show a mark, which identifies this case in a recording (see `Mark`).
@@ -795,41 +796,6 @@ class Bench:
         self.order(Request.WATCHDOG, self.info.watchdog_ms)
         self._marks.append(Mark(tuple(changes)))
         self.marks.append(self._marks[-1])
-
-
-def _done(look: Callable[[], str]) -> Callable[[], str]:
-    """Judge now, and report later."""
-    done = Future[str]()
-    try:
-        done.set_result(look())
-    except Exception as error:
-        done.set_exception(error)
-    return done.result
-
-
-def _shown(what: str | bytes, *, whole: bool) -> str:
-    if isinstance(what, str):
-        return what
-    return what.hex(" ") if whole else _hex(what)
-
-
-def _hex(data: bytes) -> str:
-    """Bytes in hexadecimal, only the first ones if there are many."""
-    if len(data) <= SHOWN_BYTES:
-        return data.hex(" ")
-    return f"{data[:SHOWN_BYTES].hex(' ')} … ({len(data)} bytes, CRC-32 {zlib.crc32(data):08X})"
-
-
-def _said(what: object) -> str:
-    """A value in words: for a record its fields, with codes by their names."""
-    if not is_dataclass(what):
-        return str(what)
-    return ", ".join(f"{name} {_in_words(value)}" for name, value in plain(what).items())
-
-
-def _in_words(value: object) -> object:
-    """A plain value; of several the parts with + between."""
-    return ("+".join(map(str, value)) or "none") if isinstance(value, list) else value
 
 
 def _decoded(request: Request, answer: bytes) -> object:

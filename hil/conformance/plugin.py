@@ -238,6 +238,7 @@ class Judge:
                 self._lost = str(error)
                 raise
             yield bench
+            bench.over()
             if marked:
                 bench.play_mark()
             bench.end_case()
@@ -363,6 +364,7 @@ class Judge:
                 self.interruption = error
                 item.session.shouldstop = "interrupted"
             if self._outcome[0] is Verdict.PASS:
+                self.bench.over(error)
                 self._outcome = verdict_of(error, about)
                 self._too_slow = isinstance(error, TooSlow)
         return report

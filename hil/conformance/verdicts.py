@@ -43,10 +43,17 @@ class Evidence:
         What it is, such as ``sent`` or ``status``.
     text : str
         The value, in words or hexadecimal.
+    meaning : str
+        A line as of ``phasewire decode`` for each block, record, request and frame in the bytes; empty if they are
+        none, or the text is words.
+    after : bool
+        Whether it came after the failure or the end of the case: it is clean-up.
     """
 
     label: str
     text: str
+    meaning: str = ""
+    after: bool = False
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ from ..playing.ledger import DAMAGE
 from ..playing.session import watchdog_ms
 from .findings import CLEAR_FAULTS, FLASH, RESET, Judgement, fail, listed, ok, skipped, warn
 
-__all__ = ["DEVICE_CHECKS", "QUIET_CHECKS"]
+__all__ = ["DEVICE_CHECKS", "QUIET_CHECKS", "as_found"]
 
 HOT_C, TOO_HOT_C = 80, 85
 """Above the first a TEMPERATURE fault cannot be cleared, above the second it appears (clauses REQ-011 and SAF-008)."""
@@ -101,15 +101,16 @@ def _wiring(device: Device) -> Judgement:
 
 
 def _settings(device: Device) -> Judgement:
-    status, info = device.status(), device.info
+    status, info = device.found, device.info
     seen = f"watchdog {status.watchdog_ms} ms, drive limit {status.drive_limit} transducers"
     if status.watchdog_fired:
         seen += (
             "; the watchdog has turned the outputs off: the program that played was held up, or ended without a stop"
         )
-    of_line_ms = watchdog_ms(device.most_updates_per_second)
-    if (status.watchdog_ms, status.drive_limit) == (max(info.watchdog_ms, of_line_ms), info.drive_limit):
-        return ok(seen + "; a line as slow as this needs so long a watchdog time" * (of_line_ms > info.watchdog_ms))
+    needed = max(info.watchdog_ms, watchdog_ms(device.most_updates_per_second))
+    if status.watchdog_ms in (info.watchdog_ms, needed) and status.drive_limit == info.drive_limit:
+        so_long = status.watchdog_ms > info.watchdog_ms
+        return ok(seen + "; a line as slow as this needs so long a watchdog time" * so_long)
     return warn(
         f"{seen}; at power-up {info.watchdog_ms} ms and {info.drive_limit}",
         "phasewire or another program has set them so since power-up, as phasewire does with the watchdog time if it "
@@ -185,15 +186,27 @@ class _HeldUp(Exception):
 
 
 @contextmanager
+def as_found(device: Device) -> Iterator[None]:
+    """Give the device back the settings with which it was found, however the checks end; its outputs are off then."""
+    try:
+        yield
+    finally:
+        device.stop()  # as long as outputs are enabled the limit stays
+        device.set_drive_limit(device.found.drive_limit)
+        device.set_watchdog(device.found.watchdog_ms / 1000)
+
+
+@contextmanager
 def _patient(device: Device) -> Iterator[None]:
     """Let the watchdog wait longer, so that it does not judge this computer; in the end outputs are off.
+
+    `as_found` puts its time back.
 
     Raises
     ------
     _HeldUp
         If it has fired all the same.
     """
-    before = device.status().watchdog_ms / 1000
     device.set_watchdog(PATIENT_WATCHDOG_SECONDS)
     try:
         yield
@@ -202,7 +215,6 @@ def _patient(device: Device) -> Iterator[None]:
         raise error
     finally:
         _silence(device)
-        device.set_watchdog(before)
 
 
 def _check_watchdog(device: Device) -> None:
@@ -244,16 +256,12 @@ def _transducers(device: Device) -> Judgement:
     """Each transducer alone, at a low drive."""
     if blocked := _blocked(device):
         return skipped(blocked)
-    before = device.status().drive_limit
     device.set_drive_limit(1)
     try:
         with _patient(device):
             wrong = [transducer for transducer in range(device.info.channels) if not _plays_alone(device, transducer)]
     except _HeldUp as error:
         return warn(str(error), HELD_UP)
-    finally:
-        device.stop()  # as long as they are enabled the limit stays
-        device.set_drive_limit(before)
     if wrong:
         return fail(f"{len(wrong)} did not play their pulse: {listed(map(str, wrong))}", "see chain and faults")
     return ok(f"{device.info.channels} played, one after the other; whether they sounded only a microphone can tell")

@@ -1,7 +1,7 @@
 """What is wrong between a program and the pulses of a device, and what to do about it: one small check after the other.
 
 A check that cannot be made is skipped and says why, so that the doctor works with half a device, or none. Whatever it
-finds, the outputs are off when it ends.
+finds, the outputs are off when it ends, and the device's settings as they were.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ..lines.opening import MEANT, entries
 from ..lines.usb_find import BACKENDS, RUN_TIME, Sighting, UsbFinder
 from ..playing.device import Device, open_device
 from .computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer
-from .device_checks import DEVICE_CHECKS, QUIET_CHECKS
+from .device_checks import DEVICE_CHECKS, QUIET_CHECKS, as_found
 from .discovery import search
 from .findings import FLASH, RESET, CheckVerdict, Finding, Judgement, fail, ok, skipped
 
@@ -101,7 +101,7 @@ def _examined(chosen: str, play: bool) -> Generator[Finding]:
         yield Finding(OPENED, *opening)
         yield from _left_out(DEVICE_CHECKS, "the device cannot be opened")
         return
-    with suppress(DeviceError), device:  # what it has to say of a device that is gone has been said
+    with suppress(DeviceError), device, as_found(device):  # what it has to say of a device that is gone has been said
         yield from begun
         yield Finding(OPENED, *opening)
         yield from _made(DEVICE_CHECKS if play else QUIET_CHECKS, device)

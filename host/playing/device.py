@@ -114,11 +114,14 @@ class Device:
     ----------
     calibration : Calibration or None
         As given.
+    found : Status
+        Its state when it was opened, before that changed anything: its settings are an earlier host's.
     """
 
     def __init__(self, transport: Transport, *, calibration: Calibration | None = None, observe: bool = False) -> None:
         self._observe = observe
         self._session = Session(transport)
+        self.found = self._session.found
         self._enabled = False
         self._stops = 0
         self._streaming = False

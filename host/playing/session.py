@@ -64,6 +64,8 @@ class Session:
     ----------
     info : Info
         The device's description of itself.
+    found : Status
+        Its state when it was opened, before `begin` changed anything.
     closed : bool
         Whether the line was closed.
 
@@ -119,7 +121,7 @@ class Session:
                 f"{self.name} speaks versions {self.info.oldest_version} to {self.info.newest_version} of the "
                 f"protocol, this is version {PROTOCOL_VERSION}; update the {older}, which is the older"
             )
-        self.status()  # the watchdog's time may differ from that at power-up
+        self.found = self.status()  # the watchdog's time may differ from that at power-up
 
     def begin(self) -> None:
         """Stop the device, because a queue left full by an earlier host takes no block, and restart the numbering.

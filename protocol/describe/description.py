@@ -35,6 +35,12 @@ class Violation(NamedTuple):
     clause: str
     text: str
 
+    @property
+    def said(self) -> str:
+        """All of it in words."""
+        code = " ".join(filter(None, (self.reason, self.clause)))
+        return f"{code}: {self.text}" if code else self.text
+
 
 @dataclass(frozen=True)
 class Description:
@@ -64,6 +70,11 @@ class Description:
     def valid(self) -> bool:
         """Whether nothing was found that breaks the specification."""
         return not self.findings
+
+    @property
+    def line(self) -> str:
+        """All that people are told of it, in a line."""
+        return "".join([f"{self.kind} {self.summary}", *(f" ✗ {finding.said}" for finding in self.findings)])
 
 
 def _amount(pulses: Pulses) -> dict[str, Any]:

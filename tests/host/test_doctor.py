@@ -7,6 +7,7 @@ import errno
 import itertools
 import re
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -462,15 +463,26 @@ def test_what_clears_a_fault_is_named_with_the_device(emulator: Emulator, fault:
     assert f"`{cure} --device {emulator.url}`" in found_by(emulator.url)["faults"].advice
 
 
-def test_a_limit_is_as_before_whatever_happens_while_transducers_are_tried(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("door", ["usb", "serial"])
+@pytest.mark.parametrize("error", [None, DeviceTimeoutError, KeyboardInterrupt])
+def test_settings_are_as_they_were_found_however_it_ends(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, error: type[BaseException] | None, door: str
 ) -> None:
+    """A slow line needs a longer watchdog time as soon as it is opened."""
     monkeypatch.setattr(device_checks, "range", lambda channels: [7], raising=False)
-    monkeypatch.setattr(device_checks, "_silence", raising(DeviceTimeoutError("no answer")))
-    findings = found_by(emulator.url, play=True)
-    assert findings["transducers"].verdict is FAIL
-    assert "switch it off and on" in findings["transducers"].advice
-    assert emulator.running.status().drive_limit == 320
+    with open_device(emulator.url) as device:
+        device.set_watchdog(0.05)
+        device.set_drive_limit(10)
+    if error is not None:
+        monkeypatch.setattr(device_checks, "_silence", raising(error("no answer")))
+    with pytest.raises(KeyboardInterrupt) if error is KeyboardInterrupt else nullcontext():
+        findings = found_by(f"{emulator.url}?door={door}", play=True)
+        assert findings["settings"].seen.startswith("watchdog 50 ms, drive limit 10 transducers")
+        assert findings["transducers"].verdict is (OK if error is None else FAIL)
+        assert ("switch it off and on" in findings["transducers"].advice) == (error is not None)
+    status = emulator.running.status()
+    assert (status.watchdog_ms, status.drive_limit) == (50, 10)
+    assert is_off(emulator)
 
 
 # The way to it

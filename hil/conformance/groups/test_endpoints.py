@@ -15,6 +15,7 @@ from phasewire.hil.conformance.tools.dfu import RawDfuLine
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.player import soon
 from phasewire.hil.conformance.tools.watchdog import await_firing, patience
+from phasewire.hil.traffic import Traffic
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -98,7 +99,7 @@ def expect_stall(what: str, transfer: Callable[[], object]) -> None:
 
 def write(bench: Bench, data: bytes) -> None:
     """Send a transfer to 01 OUT, all of which must be taken."""
-    bench.note("to 01 OUT", data)
+    bench.note("to 01 OUT", data, Traffic.BLOCK)
     expect("the count of bytes that were taken", bench.usb.write(BLOCKS_OUT, data, SOON), len(data))
 
 
@@ -135,7 +136,7 @@ def read_records(bench: Bench, size: int = 32 * BLOCK_BYTES) -> list[Ack | Statu
     began = bench.line.time.monotonic()
     data = bench.usb.read(RECORDS_IN, size, LONG_READ)
     assert data is not None, "no record comes on 81 IN"
-    bench.note("from 81 IN", data)
+    bench.note("from 81 IN", data, Traffic.RECORD)
     took = bench.line.time.monotonic() - began
     assert took < LONG_READ / 2, f"a transfer of {len(data)} bytes from 81 IN does not end: no short packet follows it"
     return records(data)
@@ -398,7 +399,7 @@ def test_packets_hold_whole_records(bench: Bench) -> None:
     while not any(isinstance(record, Status) for record in found):
         assert bench.line.time.monotonic() < end, "no status record comes once the watchdog has fired"
         packet = bench.usb.read(RECORDS_IN, size, SOON) or b""
-        bench.note("a packet", packet)
+        bench.note("a packet", packet, Traffic.RECORD)
         assert len(packet) % RECORD_BYTES == 0, f"a packet has {len(packet)} bytes, should hold whole records"
         found += records(packet)
     expect("the numbers that are acknowledged", numbers(found), waiting)
@@ -768,7 +769,7 @@ def set_dtr(bench: Bench, value: int) -> None:
 
 def type_in(bench: Bench, text: bytes) -> int:
     """Send text to the console; returns the number of bytes taken."""
-    bench.note("to 03 OUT", text)
+    bench.note("to 03 OUT", text, Traffic.TEXT)
     return bench.usb.write(CONSOLE_OUT, text, SOON)
 
 
@@ -777,7 +778,7 @@ def text_until(bench: Bench, end: bytes, seconds: float = SOON) -> bytes:
     over, found = bench.line.time.monotonic() + seconds, b""
     while not found.endswith(end) and (left := over - bench.line.time.monotonic()) > 0:
         found += bench.usb.read(CONSOLE_IN, 64 * BLOCK_BYTES, left) or b""
-    bench.note("from 83 IN", found)
+    bench.note("from 83 IN", found, Traffic.TEXT)
     return found
 
 

@@ -10,6 +10,7 @@ from ....protocol.blocks import NoOp, pack
 from ....protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, FrameKind, Request
 from ....protocol.replies import ANSWER_BYTES, Ack, Status, records
 from ....protocol.requests import Setup
+from ...traffic import Traffic
 from ..bench import Bench
 from ..cases import expect
 from ..lines.serial import RawSerialLine
@@ -94,7 +95,7 @@ def damage(bench: Bench, line: RawSerialLine, data: bytes, count: int = 1) -> No
     """Send bytes that end with a zero: so many frames must be dropped and counted, without any other effect."""
     before = bench.status()
     line.forget()
-    bench.note("damaged", data)
+    bench.note("damaged", data, Traffic.FRAME)
     line.write(data)
     bench.wait(line.transit(len(data)))
     expect("the clock", len(ask(line, Request.CLOCK)), 24)  # what follows is understood, and answers keep their order

@@ -28,6 +28,7 @@ from ....protocol.board import CHANNELS, TICKS_PER_PERIOD
 from ....protocol.codes import BLOCK_BYTES, RECORD_BYTES, SYNC_PERIODS, AckFlag, Action, Feature, Reason, Request, State
 from ....protocol.pulses import Pulses
 from ....protocol.replies import Status
+from ...traffic import Traffic
 from ..bench import Bench
 from ..cases import Inconclusive, NotApplicable, expect
 from .forge import forged
@@ -200,7 +201,7 @@ def refuse(bench: Bench, blocks: Sequence[Wrong]) -> None:
     time = before.now
     for (what, block, reason), ack in zip(blocks, acks, strict=True):
         if ack.reason is not reason:
-            bench.note(f"block with {what}", block)
+            bench.note(f"block with {what}", block, Traffic.BLOCK)
         expect(f"the reason for {what}", ack.reason, reason)
         expect(f"commit_period for {what}", ack.commit_period, 0)
         expect(f"flags for {what}", ack.flags, AckFlag(0))
@@ -285,7 +286,7 @@ def raw_records(bench: Bench, blocks: Sequence[bytes], seconds: float = 10.0) ->
         assert len(found) >= 32 * len(blocks) or bench.line.time.monotonic() < end, (
             f"{len(found)} bytes of records came for {len(blocks)} blocks, should be {32 * len(blocks)}"
         )
-    bench.note("records", found)
+    bench.note("records", found, Traffic.RECORD)
     return cut(found)
 
 

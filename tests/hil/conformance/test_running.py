@@ -21,6 +21,7 @@ from phasewire.hil.conformance.cases import Risk
 from phasewire.hil.conformance.plugin import Judge, Watcher
 from phasewire.hil.conformance.profile import Profile
 from phasewire.hil.conformance.running import RunOptions, catalogue, run_conformance
+from phasewire.hil.conformance.verdicts import Evidence
 from phasewire.protocol.codes import State
 
 HEAD = """
@@ -129,8 +130,10 @@ def test_a_case_leaves_its_blocks_requests_and_answers_as_evidence(groups: Path)
     labels = [evidence.label for evidence in result.evidence]
     assert labels[:2] == ["block", "acknowledged"]
     assert result.evidence[0].text.startswith("50 57 01 09 ")
+    assert re.fullmatch(r"block NO_OP \d+, numbering anew: a sign of life", result.evidence[0].meaning)
     assert "ACCEPTED" in result.evidence[1].text
     assert labels[-1] == "status at the end"
+    assert [evidence.after for evidence in result.evidence] == [False] * (len(labels) - 1) + [True]
 
 
 @pytest.mark.parametrize("url", ["emulator:", "emulator:?door=serial"])
@@ -154,12 +157,52 @@ def test_what_a_case_sends_by_itself_is_evidence_too(groups: Path, url: str) -> 
         ''',
     )
     text, block = (
-        [(each.label, each.text) for each in result.evidence] for result in run_conformance(RunOptions(url)).results
+        [(each.label, each.text, each.meaning) for each in result.evidence]
+        for result in run_conformance(RunOptions(url)).results
     )
-    sent = text.index(("to the serial line", b"clock\r".hex(" ")))
+    sent = text.index(("to the serial line", b"clock\r".hex(" "), r"text clock\r"))
     assert text[sent + 1][0] == "from the serial line"
-    assert [label for label, _ in block] == ["block", "records", "status at the end"]
+    assert text[sent + 1][2].startswith(r"text clock\r\n")
+    assert [label for label, _, _ in block] == ["block", "records", "status at the end"]
     assert block[0][1].startswith("50 57 01 09 ")
+    assert re.match(r"block NO_OP \d+, .* ✗ CHECKSUM BLK-003: ", block[0][2])
+    assert re.match(r"acknowledgement \d+ refused, CHECKSUM: ", block[1][2])
+
+
+def test_evidence_ends_with_the_decisive_piece_and_the_rest_is_clean_up(groups: Path) -> None:
+    """Whatever a case does in `finally`, as putting firmware back, and the bench after it."""
+    write(
+        groups,
+        "past",
+        '''
+        from phasewire.hil.conformance.tools.steps import forge, raw_records
+
+        @case("BLK-003")
+        def test_fails(bench: Bench) -> None:
+            """It fails, and puts things back."""
+            bench.status()
+            try:
+                raw_records(bench, [forge(bench, NoOp(), checksum=0)])
+                raise AssertionError("a reason")
+            finally:
+                for _ in range(100):
+                    bench.order(Request.WATCHDOG, 100)
+
+        @case("BLK-020", outputs=("SAF-004/1",))
+        def test_looks(bench: Bench) -> None:
+            """Its outputs are wrong in the middle."""
+            bench.wait_periods(3)
+            bench.judge(0, 1, lambda seen: expect("it", 1, 2))
+            bench.status()
+        ''',
+    )
+    fails, _, looks = run_conformance(RunOptions("emulator:")).results
+    assert [each.label for each in fails.evidence if not each.after] == ["STATUS", "block", "records"]
+    assert [each.label for each in fails.evidence][3:5] == ["request", "answer"]
+    assert {each.meaning for each in fails.evidence[3:-1:2]} == {"request WATCHDOG 100"}
+    assert fails.evidence[-1] == Evidence("…", "144 more", after=True)
+    assert (looks.verdict, looks.reason) == (Verdict.FAIL, "it is 1, should be 2")
+    assert [each.label for each in looks.evidence if each.after] == ["STATUS", "status at the end"]
 
 
 @pytest.mark.parametrize(
