@@ -475,8 +475,8 @@ class Bench:
 
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
         """Make any control request; returns the answer, or None for STALL."""
-        answer = self.line.request(setup, data)
         self.note("request", setup.encode() + data, Traffic.REQUEST)
+        answer = self.line.request(setup, data)
         self.note("answer", "STALL" if answer is None else answer or "done", Traffic.REQUEST, setup.encode())
         return answer
 
@@ -485,8 +485,7 @@ class Bench:
         size = ANSWER_BYTES[request]
         setup = Setup(REQUEST_TYPE_IN, request, value, 0, size)
         answer = self.line.request(setup)
-        said = "STALL" if answer is None else _decoded(request, answer)
-        self.note(request.name, said, Traffic.REQUEST, setup.encode())
+        self.note(request.name, "STALL" if answer is None else answer, Traffic.REQUEST, setup.encode())
         assert answer is not None, f"{request.name} is answered with STALL"
         assert len(answer) == size, f"{request.name} answers {len(answer)} bytes, should be {size}"
         return answer
@@ -583,12 +582,11 @@ class Bench:
         Fails if one does not come in time, or another one comes.
         """
         self._write(blocks)
-        acks = [self._next_ack(block) for block in blocks]
+        acks = [self._next_ack(block, noted=place < NOTED_BLOCKS) for place, block in enumerate(blocks)]
         if acks:
             self._known_tick, self._known_at = acks[-1].now, self.line.time.monotonic()
         if acks and acks[0].reason is not Reason.ACCEPTED and self._begins(blocks[0]):
             self._number = None  # a refused block has restarted nothing
-        self.note("acknowledged", ", ".join(map(_brief, acks[:NOTED_BLOCKS])) + " …" * (len(acks) > NOTED_BLOCKS))
         return acks
 
     @staticmethod
@@ -619,14 +617,23 @@ class Bench:
 
     def _collect(self, seconds: float) -> None:
         """Sort records: acknowledgements wait for `send`, status records are unsolicited."""
-        for record in records(self.line.receive_records(max(seconds, QUIET_SECONDS / 2))):
+        found, broken = self.line.receive_records(max(seconds, QUIET_SECONDS / 2)), None
+        try:
+            whole = records(found)
+        except ReplyError as error:
+            broken = error
+        if broken is not None:  # noted here, since what is noted while an exception is handled is clean-up
+            self.note("came", found, Traffic.RECORD)
+            raise broken
+        for record in whole:
             if isinstance(record, Ack):
                 self._acks.append(record)
             else:
-                self.note("status, unasked", record)
+                self.note("status, unasked", record.encode(), Traffic.RECORD)
                 self.unasked.append(record)
 
-    def _next_ack(self, block: bytes) -> Ack:
+    def _next_ack(self, block: bytes, *, noted: bool) -> Ack:
+        """The next acknowledgement, evidence if that is wished, or if it is not the expected one that accepts."""
         number = int.from_bytes(block[4:8], "little")
         end = self.line.time.monotonic() + ACK_SECONDS
         while not self._acks:
@@ -635,6 +642,8 @@ class Bench:
             )
             self._collect(end - self.line.time.monotonic())
         ack = self._acks.popleft()
+        if noted or (ack.sequence, ack.reason) != (number, Reason.ACCEPTED):
+            self.note("acknowledgement", ack.encode(), Traffic.RECORD)
         assert ack.sequence == number, f"the acknowledgement of block {number} should come, not of {ack.sequence}"
         return ack
 

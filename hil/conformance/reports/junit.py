@@ -1,8 +1,9 @@
 """A run as JUnit XML, as CI systems read it.
 
 Each group is a suite and each case a test. A case that could not be judged, does not apply, or fails as known is
-skipped with the reason. JUnit has no warning: such a case passes, and its output says so. A failure ends with its
-newest evidence; the output of every case has all of it. Trouble of the run itself is an error in a suite of its own.
+skipped with the reason. JUnit has no warning: such a case passes, and its output says so. A failure has its decisive
+evidence and some before it; the output of every case has all of it. Trouble of the run itself is an error in a suite of
+its own.
 """
 
 from __future__ import annotations
@@ -10,9 +11,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from xml.etree.ElementTree import Element, indent, tostring
 
-from ..verdicts import Evidence, Provenance, Result, Run
+from ..verdicts import Provenance, Result, Run
 from .markup import element
-from .summary import MOST_EVIDENCE, Standing, abridged, groups, provenance_rows, standing, verdict_line, why
+from .summary import (
+    MOST_EVIDENCE,
+    Standing,
+    abridged,
+    groups,
+    left_out,
+    provenance_rows,
+    said,
+    standing,
+    trail,
+    verdict_line,
+    why,
+)
 
 __all__ = ["junit"]
 
@@ -52,8 +65,7 @@ def _case(result: Result) -> Element:
     about = [("verdict", result.verdict.value), *(("clause", clause) for clause in result.clauses)]
     parts = [_properties(about)]
     if kind is Standing.FAIL:
-        told = [result.sentence, why(result), *_lines(map(abridged, result.evidence[-MOST_EVIDENCE:]))]
-        parts.append(element("failure", "\n".join(told), message=why(result), type=kind.value))
+        parts.append(element("failure", "\n".join(_failure(result)), message=why(result), type=kind.value))
     elif kind is Standing.UNEXPECTED_PASS:
         message = f"expected to fail, and did not: {result.known}"
         parts.append(element("failure", result.sentence, message=message, type=kind.value))
@@ -61,7 +73,7 @@ def _case(result: Result) -> Element:
         parts.append(element("skipped", message=f"{kind.value}: {result.known}; {why(result)}"))
     elif kind in SKIPPED:
         parts.append(element("skipped", message=f"{kind.value}: {result.reason}"))
-    output = [result.sentence, *_lines(result.evidence)]
+    output = [result.sentence, *map(said, result.evidence)]
     if kind is Standing.WARN:
         output.insert(0, f"{kind.value}: {result.reason}")
     parts.append(element("system-out", "\n".join(output)))
@@ -69,8 +81,16 @@ def _case(result: Result) -> Element:
     return element("testcase", *parts, classname=result.group, name=name, time=_seconds([result]))
 
 
-def _lines(evidence: Iterable[Evidence]) -> Iterator[str]:
-    return (f"{item.label}: {item.text}" for item in evidence)
+def _failure(result: Result) -> Iterator[str]:
+    """A failure in lines: what was wrong, by which clauses, the decisive evidence, and what came before it."""
+    yield from (why(result), f"shows {', '.join(result.clauses)}", result.sentence)
+    *before, last = [said(abridged(item)) for item in trail(result)[-MOST_EVIDENCE:]] or [""]
+    if last:
+        yield f"Last before the failure:\n{last}"
+    if before:
+        yield "Before that, in order:\n" + "\n".join(before)
+    if note := left_out(result, len(before) + bool(last)):
+        yield note
 
 
 def _trouble(troubles: Sequence[str]) -> Element:

@@ -1,8 +1,9 @@
 """A run as one self-contained page of HTML: no font, no other file, no network.
 
-The results that need attention come first, with their evidence; then each clause of SPEC.md with its cases, then all
-cases. The page is complete without its script, which only searches and filters. It is built from elements, never from
-pieces of text, so that no answer of a device becomes markup.
+What broke comes first, each failure with its decisive evidence, then what else needs attention; then counts and
+provenance, each clause of SPEC.md with its cases, and all cases. The page is complete without its script, which only
+searches and filters. It is built from elements, never from pieces of text, so that no answer of a device becomes
+markup.
 """
 
 from __future__ import annotations
@@ -26,10 +27,12 @@ from .summary import (
     abridged,
     by_reason,
     groups,
+    left_out,
     outcome,
     provenance_rows,
     rolled_up,
     standing,
+    trail,
     verdict_line,
     why,
 )
@@ -130,17 +133,17 @@ def _device(run: Run) -> str:
 
 def _sections(run: Run, matrix: Matrix) -> Iterator[Element | None]:
     told = {kind: [result for result in run.results if standing(result) is kind] for kind in Standing}
-    rows = (element("div", element("dt", name), element("dd", text)) for name, text in provenance_rows(run.provenance))
-    yield _section("provenance", "Provenance", element("dl", *rows))
-    yield _section("counts", "Counts", _scrolling(_counts(run)))
-    yield _listed("trouble", "Trouble of the run itself", (element("li", text) for text in run.trouble))
     room = FINDINGS_BYTES // max(1, sum(len(told[kind]) for kind in FINDINGS)) - WORDS_BYTES
     finding = partial(_finding, room=room)
     yield _listed("broke", "What broke", map(finding, told[Standing.FAIL] + told[Standing.UNEXPECTED_PASS]))
+    yield _listed("trouble", "Trouble of the run itself", (element("li", text) for text in run.trouble))
     yield _listed("warnings", "Warnings", map(finding, told[Standing.WARN]))
     yield _listed("inconclusive", "What could not be judged here", _reasons(told[Standing.INCONCLUSIVE]))
     yield _listed("known", "What failed as known", map(finding, told[Standing.KNOWN_FAILURE]))
     yield _listed("not-applicable", "What did not apply", _reasons(told[Standing.NOT_APPLICABLE]))
+    yield _section("counts", "Counts", _scrolling(_counts(run)))
+    rows = (element("div", element("dt", name), element("dd", text)) for name, text in provenance_rows(run.provenance))
+    yield _section("provenance", "Provenance", element("dl", *rows))
     results = {result.case: result for result in run.results}
     yield _section(
         "clauses", "Clauses", element("p", ROLL_UP), *(_chapter(chapter, results) for chapter in matrix.chapters)
@@ -181,19 +184,25 @@ def _finding(result: Result, room: int) -> Element:
     """A result that needs attention, with as much of its evidence as there is room for; open if it broke."""
     shown = element("li", _badge(standing(result)), f" {result.case}", *_about(result))
     shown.attrib |= {"id": _place(result.case), "data-kind": standing(result).value}
-    if result.evidence:
+    newest = _newest(result, room)
+    if newest:
+        shown.extend((element("p", "Last before the failure:", class_="small"), _evidence(newest[-1:])))
+    if note := left_out(result, len(newest)):
+        shown.append(element("p", note, class_="small"))
+    if newest[1:]:
         opened = {"open": ""} if result.breaks else {}
-        shown.append(element("details", element("summary", "Evidence"), _evidence(result.evidence, room), **opened))
+        summary = element("summary", "Before that, in order")
+        shown.append(element("details", summary, _evidence(newest[:-1]), **opened))
     return shown
 
 
 def _about(result: Result) -> Iterator[Element]:
-    """The sentence of a case, the reason of its verdict, and the clauses that it shows."""
-    yield element("p", result.sentence)
+    """The reason of the verdict on a case, its sentence, and the clauses that it shows."""
     if result.reason:
         yield element("p", why(result), class_="reason")
     if result.known is not None:
         yield element("p", f"Expected to fail: {result.known}", class_="reason")
+    yield element("p", result.sentence)
     yield element("p", "Shows ", *_clauses(result), f"; took {result.seconds:.3f} s.", class_="small")
 
 
@@ -205,15 +214,22 @@ def _clauses(result: Result) -> list[Element]:
     return links
 
 
-def _evidence(evidence: tuple[Evidence, ...], room: int) -> Element:
-    """The newest pieces of evidence for which there is room, each with at most an eighth of it."""
-    shown = [abridged(item, max(room // 8, LEAST_CHARACTERS)) for item in evidence]
-    sizes = accumulate(ROW_BYTES + len(item.label) + len(item.text) for item in reversed(shown))
-    left = len(shown) - max(1, sum(size <= room for size in sizes))
-    if left:
-        shown[:left] = [Evidence("…", f"and {left} before these, in --json")]
-    rows = (element("div", element("dt", item.label), element("dd", item.text)) for item in shown)
+def _newest(result: Result, room: int) -> list[Evidence]:
+    """The newest pieces of the trail for which there is room, each with at most an eighth of it, or the last alone."""
+    most = max(room // 8, LEAST_CHARACTERS)
+    shown = [abridged(item, most, most) for item in trail(result)]
+    sizes = accumulate(ROW_BYTES + sum(map(len, (item.label, item.meaning, item.text))) for item in reversed(shown))
+    return shown[-max(1, sum(size <= room for size in sizes)) :]
+
+
+def _evidence(evidence: Iterable[Evidence]) -> Element:
+    """Pieces of evidence; the meaning of bytes stands before them."""
+    rows = (element("div", element("dt", item.label), element("dd", *_told(item))) for item in evidence)
     return element("dl", *rows, class_="evidence")
+
+
+def _told(item: Evidence) -> list[Element | str]:
+    return [item.meaning, element("div", item.text, class_="bytes", tabindex="0")] if item.meaning else [item.text]
 
 
 def _reasons(results: Iterable[Result]) -> Iterator[Element]:

@@ -133,6 +133,8 @@ dl > div {{ display: grid; grid-template-columns: minmax(7rem, 11rem) 1fr; gap: 
 dt {{ color: var(--quiet); overflow-wrap: anywhere; }}
 dd {{ margin: 0; white-space: pre-wrap; overflow-wrap: anywhere; }}
 .evidence dd {{ font: .875rem/1.45 ui-monospace, monospace; }}
+.findings > li > .evidence {{ padding: .2rem .8rem; border-left: .25rem solid var(--quiet); }}
+.bytes {{ max-height: 4.4em; overflow: auto; color: var(--quiet); }}
 @media print {{
   :root {{ font-size: 9pt; }}
   body {{ max-width: none; padding: 0; }}
@@ -145,6 +147,6 @@ dd {{ margin: 0; white-space: pre-wrap; overflow-wrap: anywhere; }}
   details {{ padding: .2rem 0; background: none; }}
   b[class], .verdict {{ border: 1px solid; }}
   a {{ color: inherit; text-decoration: none; }}
-  .scrolling {{ overflow: visible; }}
+  .scrolling, .bytes {{ max-height: none; overflow: visible; }}
 }}
 """

@@ -15,10 +15,13 @@ __all__ = [
     "abridged",
     "by_reason",
     "groups",
+    "left_out",
     "outcome",
     "provenance_rows",
     "rolled_up",
+    "said",
     "standing",
+    "trail",
     "verdict_line",
     "why",
 ]
@@ -26,6 +29,8 @@ __all__ = [
 
 MOST_EVIDENCE, MOST_CHARACTERS = 8, 400
 """Pieces of evidence, and characters of each, in a report that is read line by line; JSON holds all."""
+DECODED_CHARACTERS = 95
+"""The same of bytes whose meaning is told: 32 of them, a record or the header of a block."""
 ONCE_OF_TWICE = "failed 1 of 2"
 _NUMBER = re.compile(r"\d[\d.,]*")
 
@@ -111,10 +116,37 @@ def why(result: Result) -> str:
     return "; ".join(filter(None, (": ".join(filter(None, (result.tally, result.reason))), *result.changed)))
 
 
-def abridged(item: Evidence, most: int = MOST_CHARACTERS) -> Evidence:
-    """A piece of evidence; a long text is cut, with a note of its length."""
-    text = item.text
-    return item if len(text) <= most else replace(item, text=f"{text[:most]}… ({len(text)} characters)")
+def trail(result: Result) -> tuple[Evidence, ...]:
+    """The evidence up to the failure, with the decisive piece last; clean-up is left out."""
+    return tuple(item for item in result.evidence if not item.after)
+
+
+def left_out(result: Result, shown: int) -> str:
+    """A note of the evidence that a report leaves out, if it shows so many pieces of the trail; empty if it is none."""
+    before = len(trail(result)) - shown
+    after = len(result.evidence) - len(trail(result))
+    parts = [f"{before} before these" if shown else str(before)] * (before > 0) + [f"{after} after the end"] * (
+        after > 0
+    )
+    return f"… and {' and '.join(parts)}, in --json" if parts else ""
+
+
+def said(item: Evidence) -> str:
+    """A piece of evidence in lines: first what its bytes mean, then the bytes."""
+    if not item.meaning:
+        return f"{item.label}: {item.text}"
+    label = "" if item.meaning.startswith(item.label) else f"{item.label}:" + ("\n" if "\n" in item.meaning else " ")
+    return f"{label}{item.meaning}\n    {item.text}"
+
+
+def abridged(item: Evidence, most: int = MOST_CHARACTERS, most_decoded: int = DECODED_CHARACTERS) -> Evidence:
+    """A piece of evidence; a long text is cut, with a note of its length, and sooner if its meaning is told."""
+    text = _cut(item.text, most_decoded if item.meaning else most)
+    return replace(item, text=text, meaning=_cut(item.meaning, most))
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[:most]}… ({len(text)} characters)"
 
 
 def groups(run: Run) -> dict[str, list[Result]]:

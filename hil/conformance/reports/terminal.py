@@ -18,7 +18,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from ..plugin import Watcher
-from ..verdicts import Evidence, Result, Run, Verdict
+from ..verdicts import Result, Run, Verdict
 from .markup import legible
 from .summary import (
     MOST_EVIDENCE,
@@ -27,9 +27,12 @@ from .summary import (
     abridged,
     by_reason,
     groups,
+    left_out,
     outcome,
     provenance_rows,
+    said,
     standing,
+    trail,
     verdict_line,
     why,
 )
@@ -189,14 +192,15 @@ def _print_whole(out: Console, result: Result) -> None:
     if result.reason:
         _print_indented(out, Text(legible(why(result)), "bold"))
     _print_indented(out, Text(f"shows {', '.join(map(legible, result.clauses))}", "dim"))
-    if (left := len(result.evidence) - MOST_EVIDENCE) > 0:
-        _print_indented(out, Text(f"… and {left} before these, in --json", "dim"))
-    for item in result.evidence[-MOST_EVIDENCE:]:
-        _print_indented(out, _evidence(item))
-
-
-def _evidence(item: Evidence) -> Text:
-    return Text.assemble((f"{legible(item.label)}: ", "cyan"), legible(abridged(item).text))
+    shown = trail(result)[-MOST_EVIDENCE:]
+    if note := left_out(result, len(shown)):
+        _print_indented(out, Text(note, "dim"))
+    for item in map(abridged, shown):
+        told = Text(legible(said(item)))
+        told.stylize("cyan", 0, len(legible(item.label)))
+        if item.meaning:
+            told.stylize("dim", len(told) - len(legible(item.text)))
+        _print_indented(out, told)
 
 
 def _print_reasons(out: Console, heading: str, results: Iterable[Result]) -> None:

@@ -8,7 +8,7 @@ from phasewire.hil.conformance.clauses import Clause
 from phasewire.hil.conformance.matrix import Chapter, ClauseRows, Level, Matrix, MatrixRow
 from phasewire.hil.conformance.verdicts import Evidence, Provenance, Result, Run, Verdict
 
-__all__ = ["CLEAN", "EVERY", "HOSTILE", "MATRIX", "PROVENANCE"]
+__all__ = ["CLEAN", "DECISIVE", "EVERY", "HOSTILE", "MATRIX", "PROVENANCE"]
 
 HOSTILE = "<script>alert(1)</script> & \"quoted\" 'text' ]]> \x00\x07\x1b[31m\x9b\ud800\ufffe [red] Ωµ"
 """A possible name of a device; all of it is legible but seven controls and halves of characters."""
@@ -29,6 +29,8 @@ PROVENANCE = Provenance(
 )
 
 SEEN = tuple(Evidence(f"step {number}", f"{number:02x} 00") for number in range(1, 11))
+DECISIVE = Evidence("records", "50 41 " + 200 * "00 ", "acknowledgement 7 accepted ✗ ACK-002: it is wrong")
+CLEANED_UP = Evidence("status at the end", "state OFF", after=True)
 
 EVERY = Run(
     PROVENANCE,
@@ -40,7 +42,7 @@ EVERY = Run(
             "A bad block is refused, for damage must not play.",
             Verdict.FAIL,
             "the state is OFF, should be READY",
-            (*SEEN, Evidence("device", HOSTILE)),
+            (*SEEN, Evidence("device", HOSTILE), DECISIVE, CLEANED_UP),
             0.5,
             again=Verdict.FAIL,
         ),

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 from phasewire.hil.conformance.reports.junit import junit
 
-from tests.hil.conformance.hand_made_runs import CLEAN, EVERY
+from tests.hil.conformance.hand_made_runs import CLEAN, DECISIVE, EVERY
 
 WHOLE = ElementTree.fromstring(junit(EVERY).encode())
 CASES = {f"{case.get('classname')}/{case.get('name')}": case for case in WHOLE.iter("testcase")}
@@ -52,12 +52,18 @@ def test_what_breaks_is_a_failure_and_what_is_not_judged_is_skipped() -> None:
     }
     assert message("blocks/bad[a b]") == "failed 2 of 2: the state is OFF, should be READY"
     failure = CASES["blocks/bad[a b]"].findtext("failure") or ""
-    assert failure.splitlines()[:4] == [
-        "A bad block is refused, for damage must not play.",
+    lines = failure.splitlines()
+    assert lines[:8] == [
         "failed 2 of 2: the state is OFF, should be READY",
-        "step 4: 04 00",
+        "shows BLK-003, ACK-003/1",
+        "A bad block is refused, for damage must not play.",
+        "Last before the failure:",
+        "records: acknowledgement 7 accepted ✗ ACK-002: it is wrong",
+        f"    {DECISIVE.text[:95]}… (606 characters)",
+        "Before that, in order:",
         "step 5: 05 00",
     ]
+    assert lines[-1] == "… and 4 before these and 1 after the end, in --json"
     assert message("blocks/known") == "known failure: revision C; failed 1 of 2: it did"
     assert message("blocks/healed") == "expected to fail, and did not: revision B"
     assert message("usb/cut") == "inconclusive: needs --allow reset"
@@ -80,7 +86,8 @@ def test_clauses_and_provenance_are_properties() -> None:
 def test_evidence_is_the_output_and_what_xml_forbids_is_left_out() -> None:
     output = CASES["blocks/bad[a b]"].findtext("system-out") or ""
     assert "step 1: 01 00\nstep 2: 02 00\n" in output
-    assert output.endswith("device: <script>alert(1)</script> & \"quoted\" 'text' ]]> [31m [red] Ωµ")
+    assert "device: <script>alert(1)</script> & \"quoted\" 'text' ]]> [31m [red] Ωµ\n" in output
+    assert output.endswith(f"✗ ACK-002: it is wrong\n    {DECISIVE.text}\nstatus at the end: state OFF")
 
 
 def test_an_interrupted_run_is_an_error() -> None:

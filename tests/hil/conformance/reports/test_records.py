@@ -7,7 +7,7 @@ from typing import Any
 
 from phasewire.hil.conformance.reports.records import record
 
-from tests.hil.conformance.hand_made_runs import CLEAN, EVERY, HOSTILE, MATRIX
+from tests.hil.conformance.hand_made_runs import CLEAN, DECISIVE, EVERY, HOSTILE, MATRIX
 
 
 def written() -> dict[str, Any]:
@@ -66,8 +66,10 @@ def test_every_field_of_a_result_is_written_and_texts_stay_unchanged() -> None:
         "known": None,
         "seconds": 0.5,
     }
-    assert bad["evidence"][0] == {"label": "step 1", "text": "01 00"}
-    assert bad["evidence"][-1] == {"label": "device", "text": HOSTILE}
+    assert bad["evidence"][0] == {"label": "step 1", "text": "01 00", "meaning": "", "after": False}
+    assert [each["text"] for each in bad["evidence"][-3:]] == [HOSTILE, DECISIVE.text, "state OFF"]
+    assert [each["meaning"] for each in bad["evidence"][-2:]] == [DECISIVE.meaning, ""]
+    assert [each["after"] for each in bad["evidence"][-2:]] == [False, True]
     assert [(one["standing"], one["breaks"]) for one in written()["results"][2:4]] == [
         ("known failure", False),
         ("unexpected pass", True),

@@ -10,7 +10,7 @@ from phasewire.hil.conformance.reports.terminal import LiveLine, print_run
 from phasewire.hil.conformance.verdicts import Run
 from rich.console import Console
 
-from tests.hil.conformance.hand_made_runs import CLEAN, EVERY
+from tests.hil.conformance.hand_made_runs import CLEAN, DECISIVE, EVERY
 
 
 def console(*, terminal: bool, width: int = 100) -> Console:
@@ -92,9 +92,11 @@ def test_a_failure_is_shown_with_what_a_repair_needs() -> None:
         "A bad block is refused, for damage must not play.",
         "failed 2 of 2: the state is OFF, should be READY",
         "shows BLK-003, ACK-003/1",
-        "… and 3 before these, in --json",
-        *(f"step {number}: {number:02x} 00" for number in range(4, 11)),
+        "… and 4 before these and 1 after the end, in --json",
+        *(f"step {number}: {number:02x} 00" for number in range(5, 11)),
         "device: <script>alert(1)</script> & \"quoted\" 'text' ]]> [31m [red] Ωµ",
+        "records: acknowledgement 7 accepted ✗ ACK-002: it is wrong",
+        f"{DECISIVE.text[:95]}… (606 characters)",
     ]
 
 
