@@ -10,7 +10,7 @@ import random
 import time
 import zlib
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cached_property
@@ -95,11 +95,6 @@ NOTED_BLOCKS = 8
 """Blocks of one transfer that are kept as evidence."""
 OUTPUTS = "outputs"
 """Label of the evidence on judged outputs."""
-DECODERS: Mapping[Request, Callable[[bytes], object]] = {
-    Request.INFO: Info.decode,
-    Request.STATUS: Status.decode,
-    Request.CLOCK: ClockReading.decode,
-}
 COUNTERS = ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages", "dropped_frames")
 """Counters of STATUS (clause REQ-003)."""
 FLAGS_OFFSET = 26  # clause BLK-002
@@ -358,9 +353,9 @@ class Bench:
         """Leave the device off."""
         try:
             self.line.request(Setup(REQUEST_TYPE_OUT, Request.DISABLE, 0, 0, 0))
-            status = self.line.request(Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0, Status.BYTES))
-            self.note("status at the end", Status.decode(status or b""))
-        except (DeviceError, ReplyError) as error:
+            setup = Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0, Status.BYTES)
+            self.note("status at the end", self.line.request(setup) or "STALL", Traffic.REQUEST, setup.encode())
+        except DeviceError as error:
             self.note("end", f"the device cannot be left off: {error}")
 
     def leave_off(self) -> None:
@@ -617,20 +612,21 @@ class Bench:
 
     def _collect(self, seconds: float) -> None:
         """Sort records: acknowledgements wait for `send`, status records are unsolicited."""
-        found, broken = self.line.receive_records(max(seconds, QUIET_SECONDS / 2)), None
-        try:
-            whole = records(found)
-        except ReplyError as error:
-            broken = error
-        if broken is not None:  # noted here, since what is noted while an exception is handled is clean-up
-            self.note("came", found, Traffic.RECORD)
-            raise broken
-        for record in whole:
+        for record in self._records(self.line.receive_records(max(seconds, QUIET_SECONDS / 2))):
             if isinstance(record, Ack):
                 self._acks.append(record)
             else:
                 self.note("status, unasked", record.encode(), Traffic.RECORD)
                 self.unasked.append(record)
+
+    def _records(self, data: bytes) -> list[Ack | Status]:
+        """The records in bytes; these are evidence if they are none."""
+        try:
+            return records(data)
+        except ReplyError as error:
+            broken = error
+        self.note("came", data, Traffic.RECORD)  # no sooner: what is noted while its error is handled is clean-up
+        raise broken
 
     def _next_ack(self, block: bytes, *, noted: bool) -> Ack:
         """The next acknowledgement, evidence if that is wished, or if it is not the expected one that accepts."""
@@ -807,19 +803,5 @@ class Bench:
         self.marks.append(self._marks[-1])
 
 
-def _decoded(request: Request, answer: bytes) -> object:
-    """An answer as a record if possible; else its bytes."""
-    try:
-        return DECODERS[request](answer)
-    except (KeyError, ReplyError):
-        return answer
-
-
 def _name(code: int) -> str:
     return getattr(code, "name", str(code))
-
-
-def _brief(ack: Ack) -> str:
-    late = " late" if ack.late else ""
-    at = f" for period {ack.commit_period}" if ack.commit_period else ""
-    return f"{ack.sequence} {_name(ack.reason)}{at}{late} at tick {ack.now}, {ack.free} free, {ack.state.name}"

@@ -5,10 +5,9 @@ from __future__ import annotations
 import sys
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass
 
 from ...protocol.describe import Description, describe_request
-from ...protocol.plain import plain
 from ...protocol.requests import Setup
 from ..traffic import DESCRIBERS, LineCutter, Traffic, cut
 from .verdicts import Evidence
@@ -52,7 +51,7 @@ class CaseLog:
         self._over: int | None = None
 
     def note(self, label: str, what: object, traffic: Traffic = Traffic.OTHER, setup: bytes = b"") -> None:
-        """Keep something as evidence; bytes are shown in hexadecimal, records by their fields.
+        """Keep something as evidence; bytes are shown in hexadecimal.
 
         Parameters
         ----------
@@ -63,7 +62,7 @@ class CaseLog:
         setup : bytes
             The setup stage of the request that bytes answer.
         """
-        shown = bytes(what) if isinstance(what, bytes | bytearray) else _said(what)
+        shown = bytes(what) if isinstance(what, bytes | bytearray) else str(what)
         during = sys.exception()
         self._notes.append(_Note(label, shown, traffic, setup, self._count, during))
         self._count += 1
@@ -133,15 +132,3 @@ def _shown(what: str | bytes, *, whole: bool) -> str:
     if whole or len(what) <= SHOWN_BYTES:
         return what.hex(" ")
     return f"{what[:SHOWN_BYTES].hex(' ')} … ({len(what)} bytes, CRC-32 {zlib.crc32(what):08X})"
-
-
-def _said(what: object) -> str:
-    """A value in words: for a record its fields, with codes by their names."""
-    if not is_dataclass(what):
-        return str(what)
-    return ", ".join(f"{name} {_in_words(value)}" for name, value in plain(what).items())
-
-
-def _in_words(value: object) -> object:
-    """A plain value; of several the parts with + between."""
-    return ("+".join(map(str, value)) or "none") if isinstance(value, list) else value

@@ -49,13 +49,18 @@ def in_words(answer: Any) -> str:
             if answer.reason != Reason.ACCEPTED:
                 outcome = f"refused, {answer.reason.name}: {answer.reason.text}"
             flags = "".join(f", {flag}" for flag in plainly(answer.flags))
-            return f"{answer.sequence} {outcome}{flags}; {answer.state.name}, room for {answer.free}"
+            return (
+                f"{answer.sequence} {outcome}{flags}; {answer.state.name} at tick {answer.now}, room for {answer.free}"
+            )
         case Status():
             faults = ", ".join(plainly(answer.faults)) or "no faults"
+            last = f" (last {answer.last_refusal.name})" if answer.last_refusal else ""
+            fired = " has fired" if answer.watchdog_fired else ""
             return (
-                f"{answer.state.name} in period {answer.period}, {faults}; {answer.accepted} accepted, "
-                f"{answer.refused} refused, {answer.late} late, {answer.lost} lost, "
-                f"{answer.missed_commits} commits missed"
+                f"{answer.state.name} at tick {answer.now} (period {answer.period}), {faults}; "
+                f"{answer.accepted} accepted, {answer.refused} refused{last}, {answer.late} late, {answer.lost} lost, "
+                f"{answer.missed_commits} commits missed; watchdog of {answer.watchdog_ms} ms{fired}, "
+                f"drive limit {answer.drive_limit}, since period {answer.since_period}, room for {answer.free}"
             )
         case Info():
             features = ", ".join(map(str, plainly(answer.features))) or "no features"

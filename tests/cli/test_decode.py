@@ -59,7 +59,7 @@ def test_a_capture_is_explained_line_by_line(decode: Run, capture: Path) -> None
         "packet 3 0.000100 s out block UPDATE 1: silence as soon as possible",
         "packet 3 +512 0.000100 s out block UPDATE 1",
         "✗ CHECKSUM BLK-003: CRC-32 " + outcome.out.split("CRC-32 ")[1].splitlines()[0],
-        "packet 6 0.000300 s in acknowledgement 1 accepted, period 300; PLAYING, room for 3",
+        "packet 6 0.000300 s in acknowledgement 1 accepted, period 300; PLAYING at tick 14000, room for 3",
         "packet 7 0.000300 s out text info\\r",
         "packet 9 0.000400 s out block UPDATE 1",
         "✗ 448 of its bytes were not recorded",

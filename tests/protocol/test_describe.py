@@ -172,10 +172,13 @@ ACK = Ack(Reason.ACCEPTED, 7, 300, 14_000, AckFlag(0), 3, State.PLAYING)
 def test_descriptions_of_acknowledgements() -> None:
     described = describe_record(ACK.encode())
     assert described.kind == "acknowledgement"
-    assert described.summary == "7 accepted, period 300; PLAYING, room for 3"
+    assert described.summary == "7 accepted, period 300; PLAYING at tick 14000, room for 3"
     refused = Ack(Reason.DRIVE, 8, 0, 1, AckFlag.GAP | AckFlag.LATE, 0, State.READY)
     described = describe_record(refused.encode())
-    assert described.summary == "8 refused, DRIVE: the total drive is above the limit, LATE, GAP; READY, room for 0"
+    assert (
+        described.summary
+        == "8 refused, DRIVE: the total drive is above the limit, LATE, GAP; READY at tick 1, room for 0"
+    )
     assert described.valid  # the record is; the block was not
     assert described.fields["reason"] == "DRIVE"
     assert described.fields["flags"] == ["LATE", "GAP"]
@@ -264,7 +267,8 @@ REPORTS = [ProcessorReport(Fault(n == 9), 30, Bank.FACTORY, 0, 0, (0, 3, 9)) for
         (
             Request.STATUS,
             STATUS.encode(),
-            "STATUS: READY in period 100, CHAIN, SUPPLY; 6 accepted, 5 refused, 4 late, 3 lost, 2 commits missed",
+            "STATUS: READY at tick 5000 (period 100), CHAIN, SUPPLY; 6 accepted, 5 refused, 4 late, 3 lost, "
+            "2 commits missed; watchdog of 100 ms, drive limit 320, since period 0, room for 8",
         ),
         (
             Request.WIRING,

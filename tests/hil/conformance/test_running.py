@@ -128,10 +128,11 @@ def test_a_case_leaves_its_blocks_requests_and_answers_as_evidence(groups: Path)
     write(groups, "one", ALL_VERDICTS)
     (result,) = run_conformance(RunOptions("emulator:", only=("one/that-passes",))).results
     labels = [evidence.label for evidence in result.evidence]
-    assert labels[:2] == ["block", "acknowledged"]
+    assert labels[:2] == ["block", "acknowledgement"]
     assert result.evidence[0].text.startswith("50 57 01 09 ")
     assert re.fullmatch(r"block NO_OP \d+, numbering anew: a sign of life", result.evidence[0].meaning)
-    assert "ACCEPTED" in result.evidence[1].text
+    assert result.evidence[1].text.startswith("50 41 01 00 ")
+    assert re.fullmatch(r"acknowledgement \d+ accepted, .*OFF at tick \d+, room for \d+", result.evidence[1].meaning)
     assert labels[-1] == "status at the end"
     assert [evidence.after for evidence in result.evidence] == [False] * (len(labels) - 1) + [True]
 
@@ -175,7 +176,7 @@ def test_evidence_ends_with_the_decisive_piece_and_the_rest_is_clean_up(groups: 
         groups,
         "past",
         '''
-        from phasewire.hil.conformance.tools.steps import forge, raw_records
+        from phasewire.hil.conformance.tools.steps import forge, pack, raw_records
 
         @case("BLK-003")
         def test_fails(bench: Bench) -> None:
@@ -188,6 +189,12 @@ def test_evidence_ends_with_the_decisive_piece_and_the_rest_is_clean_up(groups: 
                 for _ in range(100):
                     bench.order(Request.WATCHDOG, 100)
 
+        @case("BLK-003")
+        def test_hears_another_answer(bench: Bench) -> None:
+            """The answer to another block comes."""
+            bench.line.send_blocks(pack(bench.numbered(NoOp(), number=7)), 1)
+            bench.send(NoOp())
+
         @case("BLK-020", outputs=("SAF-004/1",))
         def test_looks(bench: Bench) -> None:
             """Its outputs are wrong in the middle."""
@@ -196,11 +203,13 @@ def test_evidence_ends_with_the_decisive_piece_and_the_rest_is_clean_up(groups: 
             bench.status()
         ''',
     )
-    fails, _, looks = run_conformance(RunOptions("emulator:")).results
+    fails, another, _, looks = run_conformance(RunOptions("emulator:")).results
     assert [each.label for each in fails.evidence if not each.after] == ["STATUS", "block", "records"]
     assert [each.label for each in fails.evidence][3:5] == ["request", "answer"]
     assert {each.meaning for each in fails.evidence[3:-1:2]} == {"request WATCHDOG 100"}
     assert fails.evidence[-1] == Evidence("…", "144 more", after=True)
+    decisive = [each for each in another.evidence if not each.after][-1]
+    assert decisive.meaning.startswith("acknowledgement 7 accepted, ")
     assert (looks.verdict, looks.reason) == (Verdict.FAIL, "it is 1, should be 2")
     assert [each.label for each in looks.evidence if each.after] == ["STATUS", "status at the end"]
 
