@@ -174,10 +174,10 @@ class LineCutter:
     Frames are returned as they stand, without the zero that ends them, and are not judged.
     """
 
-    def __init__(self, *, in_console: bool = True) -> None:
+    def __init__(self) -> None:
         self._held = b""
         self._offset = 0
-        self._in_console = in_console
+        self._in_console = True
 
     def feed(self, data: bytes) -> Iterator[tuple[int, Traffic, bytes]]:
         """Take the next data; yields offset, kind and bytes of everything that is then complete."""

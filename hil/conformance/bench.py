@@ -312,7 +312,7 @@ class Bench:
         self._log.note_line(label, data, Traffic.TEXT if is_text else Traffic.FRAME)
 
     def evidence(self, *, whole: bool = False) -> tuple[Evidence, ...]:
-        """The log since the case began; of many bytes only the first, or all of them."""
+        """The log since the case began; see `CaseLog.evidence`."""
         return self._log.evidence(whole=whole)
 
     def over(self, error: BaseException | None = None) -> None:

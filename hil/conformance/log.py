@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ...protocol.describe import Description, describe_request
+from ...protocol.framing import DELIMITER
 from ...protocol.requests import Setup
-from ..traffic import DESCRIBERS, LineCutter, Traffic, cut
+from ..traffic import DESCRIBERS, Traffic, cut, is_frame
 from .verdicts import Evidence
 
 __all__ = ["CaseLog"]
@@ -19,6 +21,8 @@ NOTES = 60
 NOTED_BYTES = 1024
 """Bytes of a serial line, one way, that are kept as one piece of evidence."""
 SHOWN_BYTES = 64
+_TYPED = re.compile(rb"[\t\n\r\x20-\x7e]*")
+"""What people read and type. No frame consists of it: the code of its kind is below."""
 
 
 @dataclass
@@ -94,12 +98,12 @@ class CaseLog:
                 self._wrong = None  # a case that ends by a failure has shown little since its outputs were wrong
 
     def evidence(self, *, whole: bool) -> tuple[Evidence, ...]:
-        """The log since the case began; of many bytes only the first, or all of them."""
+        """The log since the case began: of many bytes only the first, or all of them."""
         end = min(each for each in (self._wrong, self._over, self._count) if each is not None)
-        cutters: dict[str, LineCutter] = {}
+        begun: dict[str, bytes] = {}
         shown = []
         for note in self._notes:
-            meaning = "\n".join(each.line for each in _described(note, cutters))
+            meaning = "\n".join(each.line for each in _described(note, begun))
             shown.append(Evidence(note.label, _shown(note.what, whole=whole), meaning, note.number >= end))
         if self._dropped[False]:
             shown.insert(NOTES // 2, Evidence("…", f"{self._dropped[False]} more"))
@@ -108,8 +112,8 @@ class CaseLog:
         return tuple(shown)
 
 
-def _described(note: _Note, cutters: dict[str, LineCutter]) -> Iterator[Description]:
-    """What bytes mean: each block, record or request, and each frame that they complete."""
+def _described(note: _Note, begun: dict[str, bytes]) -> Iterator[Description]:
+    """What bytes mean: each block, record or request, and each frame that they complete; of others there is a beginning."""
     if isinstance(note.what, str):
         return
     match note.traffic:
@@ -121,9 +125,14 @@ def _described(note: _Note, cutters: dict[str, LineCutter]) -> Iterator[Descript
             for _, part, _ in cut(note.traffic, note.what, len(note.what)):
                 yield DESCRIBERS[note.traffic](part)
         case Traffic.TEXT | Traffic.FRAME:
-            cutter = cutters.setdefault(note.label, LineCutter(in_console=note.traffic is Traffic.TEXT))
-            for _, traffic, part in cutter.feed(note.what):
-                yield DESCRIBERS[traffic](part)
+            *ended, rest = (begun.pop(note.label, b"") + note.what).split(DELIMITER)
+            if note.traffic is Traffic.TEXT or _TYPED.fullmatch(rest):
+                ended.append(rest)
+            else:
+                begun[note.label] = rest
+            for part in filter(None, ended):
+                is_text = not is_frame(part) and (note.traffic is Traffic.TEXT or _TYPED.fullmatch(part))
+                yield DESCRIBERS[Traffic.TEXT if is_text else Traffic.FRAME](part)
 
 
 def _shown(what: str | bytes, *, whole: bool) -> str:

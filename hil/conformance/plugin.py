@@ -328,6 +328,7 @@ class Judge:
             if seen.verdict is not Verdict.PASS or verdict is Verdict.PASS:
                 results = [seen]  # the defect was seen before the case itself ended
         whole = any(result.verdict in (Verdict.FAIL, Verdict.WARN) for result in results)
+        whole |= self._is_deferred and bool(self.bench.looks)  # which may still fail
         evidence = self.bench.evidence(whole=whole)
         results = [replace(result, evidence=(*evidence, *result.evidence)) for result in results]
         results[0] = replace(results[0], seconds=time.perf_counter() - began)
