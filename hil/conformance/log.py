@@ -113,7 +113,7 @@ class CaseLog:
 
 
 def _described(note: _Note, begun: dict[str, bytes]) -> Iterator[Description]:
-    """What bytes mean: each block, record or request, and each frame that they complete; of others there is a beginning."""
+    """What bytes mean: each block, record or request, and each frame that ends in them."""
     if isinstance(note.what, str):
         return
     match note.traffic:

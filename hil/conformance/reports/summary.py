@@ -135,7 +135,8 @@ def said(item: Evidence) -> str:
     """A piece of evidence in lines: first what its bytes mean, then the bytes."""
     if not item.meaning:
         return f"{item.label}: {item.text}"
-    label = "" if item.meaning.startswith(item.label) else f"{item.label}:" + ("\n" if "\n" in item.meaning else " ")
+    is_named = item.label in item.meaning.partition(":")[0]  # as a block, or CLOCK in the answer to that request
+    label = "" if is_named else f"{item.label}:" + ("\n" if "\n" in item.meaning else " ")
     return f"{label}{item.meaning}\n    {item.text}"
 
 

@@ -197,7 +197,8 @@ def _print_whole(out: Console, result: Result) -> None:
         _print_indented(out, Text(note, "dim"))
     for item in map(abridged, shown):
         told = Text(legible(said(item)))
-        told.stylize("cyan", 0, len(legible(item.label)))
+        if told.plain.startswith(label := legible(item.label)):
+            told.stylize("cyan", 0, len(label))
         if item.meaning:
             told.stylize("dim", len(told) - len(legible(item.text)))
         _print_indented(out, told)
