@@ -10,7 +10,7 @@ import random
 import time
 import zlib
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cached_property
@@ -307,9 +307,8 @@ class Bench:
         if len(blocks) > NOTED_BLOCKS:
             self.note("blocks", f"and {len(blocks) - NOTED_BLOCKS} more")
 
-    def _note_bytes(self, label: str, data: bytes) -> None:
-        is_text = self._serial is not None and self._serial.mode is LineMode.CONSOLE
-        self._log.note_line(label, data, Traffic.TEXT if is_text else Traffic.FRAME)
+    def _note_bytes(self, label: str, data: bytes, mode: LineMode) -> None:
+        self._log.note_line(label, data, Traffic.TEXT if mode is LineMode.CONSOLE else Traffic.FRAME)
 
     def evidence(self, *, whole: bool = False) -> tuple[Evidence, ...]:
         """The log since the case began; see `CaseLog.evidence`."""

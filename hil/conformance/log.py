@@ -78,11 +78,12 @@ class CaseLog:
     def note_line(self, label: str, data: bytes, traffic: Traffic) -> None:
         """Keep bytes of a serial line as evidence, with those that went the same way just before."""
         last = self._notes[-1] if self._notes and self._over is None else None
-        if last is not None and (last.label, last.during) == (label, sys.exception()) and len(last.what) < NOTED_BYTES:
+        way = (label, traffic, sys.exception())
+        if last is None or (last.label, last.traffic, last.during) != way or len(last.what) >= NOTED_BYTES:
+            self.note(label, data, traffic)
+        else:
             assert isinstance(last.what, bytes)
             last.what += data
-        else:
-            self.note(label, data, traffic)
 
     def mark_wrong(self) -> None:
         """Mark that the outputs were wrong; the case goes on."""
@@ -95,7 +96,7 @@ class CaseLog:
             failed = error is not None
             self._over = next((note.number for note in self._notes if failed and note.during is error), self._count)
             if failed:
-                self._wrong = None  # a case that ends by a failure has shown little since its outputs were wrong
+                self._wrong = None  # the case went on with wrong outputs, and its failure decides
 
     def evidence(self, *, whole: bool) -> tuple[Evidence, ...]:
         """The log since the case began: of many bytes only the first, or all of them."""

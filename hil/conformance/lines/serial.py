@@ -252,7 +252,7 @@ class RawSerialLine:
     damaged : list of FrameError
         Defects of frames since `enter_frames`; a frame for devices counts as one.
     noted : callable or None
-        Receives, with a label for each direction, the bytes that are sent and received.
+        Receives, with a label for each direction, the bytes that are sent and received, and the mode.
     """
 
     kind: LineKind = "serial"
@@ -261,7 +261,7 @@ class RawSerialLine:
         self.wire = wire
         self.events: list[LineEvent] = []
         self.damaged: list[FrameError] = []
-        self.noted: Callable[[str, bytes], None] | None = None
+        self.noted: Callable[[str, bytes, LineMode], None] | None = None
         self._incoming = LineReader()
         self._given = 0
         self._tag = 0
@@ -305,14 +305,14 @@ class RawSerialLine:
     def write(self, data: bytes) -> None:
         """Send bytes unchanged."""
         if self.noted is not None:
-            self.noted("to the serial line", data)
+            self.noted("to the serial line", data, self.mode)
         self.wire.write(data)
 
     def _hear(self, seconds: float) -> bytes:
         """Take the next data, as bytes and as events."""
         data = self.wire.read(seconds)
         if data and self.noted is not None:
-            self.noted("from the serial line", data)
+            self.noted("from the serial line", data, self.mode)
         came = self._incoming.feed(data)
         self.events += came
         for event in came:
