@@ -27,6 +27,7 @@ from phasewire.hil.conformance.tools.steps import (
     raw_records,
 )
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, patience
+from phasewire.hil.traffic import Traffic
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Block,
@@ -189,7 +190,7 @@ def test_now_is_when_the_block_had_arrived(bench: Bench) -> None:
     bench.line.send_blocks(pack(bench.numbered(NoOp())), PATIENCE_SECONDS)
     behind = bench.clock().now
     came = bench.line.receive_records(PATIENCE_SECONDS)
-    bench.note("records", came)
+    bench.note("records", came, Traffic.RECORD)
     now = AckFields(*ACK.unpack(came)).now
     assert now <= behind, f"now is {now}, should be {behind} or earlier, as the clock was asked for after the block"
     before = bench.clock().now
