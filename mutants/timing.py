@@ -15,9 +15,10 @@ from ..emulator.control.controller import Controller
 from ..emulator.control.dispatch import Dispatch
 from ..emulator.control.execution import Execution
 from ..emulator.control.state_machine import StateMachine
+from ..emulator.control.supervisor import Supervisor
 from ..emulator.ports.clock import COUNTER_TICKS, BoardClock
 from ..protocol.blocks import Update
-from ..protocol.board import CYCLES_PER_PERIOD, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
+from ..protocol.board import CYCLES_PER_PERIOD, PROCESSORS_PER_BOARD, TICK_HZ, TICKS_PER_PERIOD
 from ..protocol.codes import SYNC_PERIODS, AckFlag
 from ..protocol.timing import SORT_CYCLES
 from .patching import Patch, mutant
@@ -118,6 +119,41 @@ def ticks_begin_anew_with_a_session(patch: Patch) -> None:
 
     def now(original: Any) -> Any:
         return lambda self: original(self) - vars(self).get("session_tick", 0)
+
+    patch.wrap(Dispatch, "now_tick", now)
+
+
+@mutant("TIM-002", wraps=(Dispatch, "now_tick"))
+def clock_is_read_in_two_halves(original: Any, self: Any) -> int:
+    """For 50 µs in 32.768 ms the clock goes back by 2¹⁶ ticks: its upper half was read before the lower one wrapped."""
+    tick: int = original(self)
+    return tick - COUNTER_TICKS * (tick >= COUNTER_TICKS and tick % COUNTER_TICKS < 100)
+
+
+@mutant("TIM-002", wraps=(Dispatch, "now_tick"))
+def clock_wraps_at_32_bits(original: Any, self: Any) -> int:
+    """After 36 minutes of play the clock begins again at 0: the ticks are counted in a word."""
+    return int(original(self)) % 2**32
+
+
+@mutant("TIM-002", wraps=(Dispatch, "now_tick"))
+def clock_stands_still_after_a_while(original: Any, self: Any) -> int:
+    """Ten seconds after the start the clock stands still: the counter saturates."""
+    return min(int(original(self)), 10 * TICK_HZ)
+
+
+@mutant("TIM-002")
+def clock_is_set_by_a_question(patch: Patch) -> None:
+    """PROCESSORS sets the clock back by 33 ms: asking the boards holds up the interrupt that counts its wraps."""
+    lost = "lost_ticks"
+
+    @patch.around(Supervisor, "reports")
+    def reports(original: Any, self: Any) -> Any:
+        vars(self._schedule)[lost] = vars(self._schedule).get(lost, 0) + COUNTER_TICKS
+        return original(self)
+
+    def now(original: Any) -> Any:
+        return lambda self: max(original(self) - vars(self).get(lost, 0), 0)
 
     patch.wrap(Dispatch, "now_tick", now)
 

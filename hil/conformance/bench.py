@@ -83,6 +83,8 @@ BLOCK_SECONDS = {"usb": 0.01, "serial": 0.1}
 QUIET_SECONDS = 0.002
 SLICE_SECONDS, LONGEST_SLICE_SECONDS = 0.01, 0.2
 """How long to wait for a transfer of blocks, which may be larger than the device's buffers, before records are read."""
+WAIT_SECONDS = 1.0
+"""What a line and a computer may add to a wait for a tick."""
 MOST_SLOWNESS = 64
 """Periods are then named 3.2 s ahead."""
 OFF_SECONDS = 0.1
@@ -225,6 +227,7 @@ class Bench:
         """A serial line of the device: the line itself, or on USB its console's endpoints, which start as a console."""
         if self._serial is None:
             self._serial = RawSerialLine(CdcWire(self.usb))
+            self._serial.watch = self.line.watch
         self._serial.noted = self._note_bytes
         return self._serial
 
@@ -287,6 +290,7 @@ class Bench:
             raise Inconclusive(unmet(Need.SPARE))
         with self._spare(key) as other:
             other._log, other.looks = self._log, self.looks
+            other.line.watch.wrong = self.line.watch.wrong
             yield other
 
     @property
@@ -442,14 +446,23 @@ class Bench:
             self.wait((left + 1) / TICK_HZ)
 
     def _left_until(self, tick: int) -> Iterator[int]:
-        """The ticks that the device still has to go, asked repeatedly."""
-        before = None
-        while (left := tick - self.clock().now) > 0:
-            assert before is None or left < before, (
-                f"the clock does not reach tick {tick}: {left} ticks are left, {before} were before"
+        """The ticks that the device still has to go, asked repeatedly.
+
+        No wait is longer than the case asked for when it named the tick, and the waits end if the clock does not come
+        nearer, or hardly: it may be as slow as cases can be made (`MOST_SLOWNESS`).
+        """
+        now, began, first = self.line.time.monotonic, self.line.time.monotonic(), None
+        least = named = self.line.watch.highest
+        while (left := tick - (told := self.clock().now)) > 0:
+            first = told if first is None else first
+            due = (now() - began - WAIT_SECONDS) * TICK_HZ / (MOST_SLOWNESS if self.is_far else 1)
+            comes_nearer = told >= least and told - first >= due
+            assert comes_nearer, (
+                f"the clock does not reach tick {tick}: it named tick {named} before the wait, {first} at its begin "
+                f"and {told} after {now() - began:.3f} s"
             )
             yield left
-            before = left
+            least = told + 1
 
     def _looks(self, seconds: float) -> Iterator[float]:
         """Repeat while the device may still send something, until the time is over.

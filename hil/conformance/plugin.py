@@ -25,6 +25,8 @@ from .verdicts import AT_THE_OUTPUTS, Evidence, Result, Verdict
 __all__ = ["Catalogue", "CatalogueCase", "Judge", "Watcher", "case_id", "selected", "wanted"]
 
 PREFIX = "test_"
+CLOCK_CLAUSE = "TIM-002"
+"""It holds in every case: see `ClockWatch`."""
 
 
 @dataclass(frozen=True)
@@ -304,6 +306,7 @@ class Judge:
     def _try(self, item: pytest.Function, parts: Sequence[CatalogueCase]) -> list[Result]:
         """Run a case once, unless it is known beforehand that it cannot be judged: then nothing is sent."""
         self.bench.forget()
+        self.bench.line.watch.begin()
         self._too_slow = False
         began = time.perf_counter()
         case = parts[0]
@@ -319,6 +322,10 @@ class Judge:
                 )  # the next one may be decided without pytest
             finally:
                 self._trying = False
+        wrong = self.bench.line.watch.wrong
+        if wrong and self.profile.reason_for("", "", (CLOCK_CLAUSE,)) is None:
+            self._outcome = Verdict.FAIL, "; then: ".join(filter(None, (wrong[0], self._outcome[1])))
+            self._too_slow = False
         verdict, reason = self._outcome
         results = [replace(case.result, verdict=verdict, reason=reason)]
         if len(parts) > 1:

@@ -7,6 +7,7 @@ from typing import Protocol
 from ....host.lines.transport import Timekeeper
 from ....protocol.requests import Setup
 from ..cases import LineKind
+from .watch import ClockWatch
 
 __all__ = ["RawLine"]
 
@@ -28,6 +29,10 @@ class RawLine(Protocol):
     @property
     def time(self) -> Timekeeper:
         """The clock for all waiting."""
+
+    @property
+    def watch(self) -> ClockWatch:
+        """Follows the device's clock."""
 
     def send_blocks(self, blocks: bytes, seconds: float) -> int:
         """Send blocks of 512 bytes one after the other; returns how many bytes were taken in time."""

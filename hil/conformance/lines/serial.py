@@ -33,6 +33,7 @@ from ....protocol.replies import ClockReading
 from ....protocol.requests import ConsoleRequest, Setup
 from ..cases import Inconclusive, LineKind
 from .usb import CONSOLE_IN, CONSOLE_OUT, RawUsbLine
+from .watch import ClockWatch
 
 __all__ = ["QUIET_SECONDS", "CdcWire", "PortWire", "RawSerialLine", "Wire"]
 
@@ -249,6 +250,7 @@ class RawSerialLine:
     wire : Wire
     events : list of LineEvent
         Everything since `forget`: text, frames, defects of other frames, modes that began.
+    watch : ClockWatch
     damaged : list of FrameError
         Defects of frames since `enter_frames`; a frame for devices counts as one.
     noted : callable or None
@@ -259,6 +261,7 @@ class RawSerialLine:
 
     def __init__(self, wire: Wire) -> None:
         self.wire = wire
+        self.watch = ClockWatch()
         self.events: list[LineEvent] = []
         self.damaged: list[FrameError] = []
         self.noted: Callable[[str, bytes, LineMode], None] | None = None
@@ -317,6 +320,8 @@ class RawSerialLine:
         self.events += came
         for event in came:
             match event:
+                case SerialFrame(FrameKind.RECORD, body):
+                    self.watch.came(self, body)
                 case FrameError():
                     self.damaged.append(event)
                 case SerialFrame(FrameKind.BLOCK | FrameKind.REQUEST as kind):
@@ -417,7 +422,7 @@ class RawSerialLine:
         """
         self._tag = (self._tag + 1) % TAGS
         before = len(self.events)  # which may include replies to others with this tag
-        asked = self.time.monotonic()
+        asked, told = self.time.monotonic(), self.watch.told
         self.send_frame(FrameKind.REQUEST, bytes([self._tag]) + setup.encode() + data)
         self.listen(self.patience(BLOCK_BYTES), lambda: self._answered(before) is not None)
         place = self._answered(before)
@@ -428,7 +433,9 @@ class RawSerialLine:
         event = self.events.pop(place)
         assert isinstance(event, SerialFrame)
         reply = SerialReply.decode(event.body)
-        return reply.data if reply.outcome is Outcome.DONE else None
+        answer = reply.data if reply.outcome is Outcome.DONE else None
+        self.watch.answered(setup, answer, told)
+        return answer
 
     def _answered(self, first: int) -> int | None:
         """The place of the reply with the newest tag among the events, ignoring those before the first."""
@@ -441,6 +448,7 @@ class RawSerialLine:
     def reopen(self, seconds: float) -> None:
         """Open the wire again and switch to frames."""
         self.wire.reopen(seconds)
+        self.watch.restarted()
         self.assume_console()
         end = self.time.monotonic() + seconds
         while True:

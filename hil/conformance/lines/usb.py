@@ -17,6 +17,7 @@ from ....protocol.codes import BLOCK_BYTES, StandardRequest
 from ....protocol.enumeration import ENDPOINT_IN, ENDPOINT_OUT
 from ....protocol.requests import DIRECTION_IN, Setup
 from ..cases import Inconclusive, LineKind
+from .watch import ClockWatch
 
 __all__ = ["CONSOLE_IN", "CONSOLE_OUT", "REQUEST_SECONDS", "RawUsbLine"]
 
@@ -46,6 +47,7 @@ class RawUsbLine:
         The present pyusb device.
     from_kernel : set of int
         The interfaces that a kernel driver held, and holds again after a restart.
+    watch : ClockWatch
 
     Raises
     ------
@@ -58,6 +60,7 @@ class RawUsbLine:
     def __init__(self, url: str) -> None:
         self._bus = UsbFinder(url)
         self.from_kernel: set[int] = set()
+        self.watch = ClockWatch()
         self.device: Any = None
         try:
             self._take(self._bus.find(ANY_MODE))
@@ -71,6 +74,7 @@ class RawUsbLine:
 
     def _take(self, seen: Sighting, *, configured: bool = True) -> None:
         self._seen = seen
+        self.watch.restarted()
         self.device = seen.device
         self.time: Timekeeper = seen.time
         self.name = seen.name
@@ -119,11 +123,14 @@ class RawUsbLine:
 
     def receive_records(self, seconds: float) -> bytes:
         """Wait for a transfer of records from 81 IN."""
-        return self.read(ENDPOINT_IN, READ_BYTES, seconds) or b""
+        found = self.read(ENDPOINT_IN, READ_BYTES, seconds) or b""
+        self.watch.came(self, found)
+        return found
 
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
         """Make a control request; returns the answer, or None for STALL."""
         what = setup.length if setup.is_in else data or None
+        told = self.watch.told
         with translated(setup.name):
             try:
                 answer = self.device.ctrl_transfer(
@@ -136,7 +143,9 @@ class RawUsbLine:
                 if to_endpoint and error.errno in NOT_LET_THROUGH and self.is_there:
                     raise Inconclusive("this computer's system does not send such a request") from error
                 raise
-        return bytes(answer) if setup.is_in else b""
+        got = bytes(answer) if setup.is_in else b""
+        self.watch.answered(setup, got, told)
+        return got
 
     @property
     def is_there(self) -> bool:
