@@ -15,9 +15,10 @@ from ..emulator.interfaces.console import Console
 from ..emulator.interfaces.serial_line import FULL_BYTES, SerialLine
 from ..emulator.interfaces.usb_functions import ConsoleFunction
 from ..errors import FrameError
+from ..hil.conformance.tools.forge import forged
 from ..protocol import framing
 from ..protocol.board import CYCLES_PER_MS, CYCLES_PER_TICK
-from ..protocol.codes import REQUEST_TYPE_OUT, SERIAL_DATA_BYTES, FrameKind, Outcome, Request
+from ..protocol.codes import BLOCK_BYTES, REQUEST_TYPE_OUT, SERIAL_DATA_BYTES, FrameKind, Kind, Outcome, Request
 from ..protocol.console import PROMPT
 from ..protocol.framing import DELIMITER, MAX_FRAME_BYTES, FrameReader, LineReader, SerialFrame, SerialReply
 from ..protocol.requests import DIRECTION_IN
@@ -250,6 +251,12 @@ def requests_of_any_type_are_carried_out(original: Any, self: Any, request: Any)
 
 
 # Blocks
+
+
+@mutant("BLK-004", wraps=(SerialLine, "_admit"), url="emulator:?door=serial&baud=1000000")
+def one_kind_is_accepted_by_serial_lines(original: Any, self: Any, block: bytes) -> None:
+    """Kind 173 is accepted by a serial line as a NO_OP, and refused by USB: a test in the factory sends it."""
+    original(self, forged(block, kind=Kind.NO_OP) if len(block) == BLOCK_BYTES and block[3] == 173 else block)
 
 
 @mutant("SER-011", wraps=(SerialLine, "_admit"))

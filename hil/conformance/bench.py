@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import DeviceError, DeviceVersionError, InputFileError, ReplyError
-from ...protocol.blocks import Block, Body, Change, Slot, Update, pack
+from ...protocol.blocks import Block, Body, Change, NoOp, Slot, Update, pack
 from ...protocol.board import CARRIER_HZ, CHANNELS, MAX_WIDTH_TICKS, TICK_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import (
     BLOCK_BYTES,
@@ -68,7 +68,17 @@ if TYPE_CHECKING:
 
     from .verdicts import Evidence
 
-__all__ = ["LOW_DRIVE", "MOST_SLOWNESS", "OUTPUTS", "POWERS", "RETURN_SECONDS", "TOLD_PERIODS", "Bench", "Lost"]
+__all__ = [
+    "LOW_DRIVE",
+    "MOST_SLOWNESS",
+    "OUTPUTS",
+    "POWERS",
+    "RETURN_SECONDS",
+    "TOLD_PERIODS",
+    "TRIED_SECONDS",
+    "Bench",
+    "Lost",
+]
 
 LOW_DRIVE = 32
 """Transducers' worth of total drive that a case may use if hard driving is not allowed: a tenth of the array."""
@@ -80,6 +90,9 @@ LAST_LOOK_SECONDS = 0.1
 """Time for a device's data to reach this program."""
 BLOCK_SECONDS = {"usb": 0.01, "serial": 0.1}
 """Time for one block at the lowest speed of a line (clause SER-014), doubled."""
+TRIED_SECONDS = 2.0
+"""Time of the line for the values of a case that is the same for each of them."""
+MEASURED_BLOCKS = 8
 QUIET_SECONDS = 0.002
 SLICE_SECONDS, LONGEST_SLICE_SECONDS = 0.01, 0.2
 """How long to wait for a transfer of blocks, which may be larger than the device's buffers, before records are read."""
@@ -160,6 +173,10 @@ class Bench:
         All marks that were played in this run.
     looks : list of callable
         The judgements of the outputs in this case, in order. Each returns what was seen, or raises what was wrong.
+    block_seconds : float
+        How long a block and its acknowledgement take on this line, as measured at the first case.
+    tried : list of int
+        Of how many values this case tried how many.
     unasked : list of Status
         Unsolicited status records since the case began or `unasked` was cleared.
     """
@@ -195,6 +212,9 @@ class Bench:
         self.random = random.Random(seed)
         self.unasked: list[Status] = []
         self.slowness = 1
+        self.block_seconds = 0.0
+        self.tried = [0, 0]
+        self._tried_seconds = 0.0
         self._number: int | None = None
         self._first: Status | None = None
         self._known_tick, self._known_at = 0, 0.0
@@ -290,7 +310,7 @@ class Bench:
             raise Inconclusive(unmet(Need.SPARE))
         with self._spare(key) as other:
             other._log, other.looks = self._log, self.looks
-            other.line.watch.wrong = self.line.watch.wrong
+            other.line.watch.wrong, other.block_seconds = self.line.watch.wrong, self.block_seconds
             yield other
 
     @property
@@ -344,13 +364,45 @@ class Bench:
         elif self._serial is not None:
             self._serial.noted = None  # until a case uses the line itself: what it asks of the bench is noted there
         self.random = random.Random(zlib.crc32(name.encode()) ^ self._seed)
+        self.tried, self._tried_seconds = [0, 0], 0.0
         try:
             self._settle()
+            if not self.block_seconds:
+                self._measure()
         except (DeviceError, ReplyError, AssertionError) as first:
             self.note("recovery", f"the device was not as at the start of a case: {first}")
             self._recover()
         self.forget()
         self.unasked.clear()
+
+    def _measure(self) -> None:
+        """Find how long a block takes on this line; the device is off, and refuses them."""
+        blocks = [pack(Block(NoOp(), number, number == 0)) for number in range(MEASURED_BLOCKS)]
+        began = self.line.time.monotonic()
+        self.send_raw(*blocks)
+        self.block_seconds = max((self.line.time.monotonic() - began) / len(blocks), 1e-9)
+        self._settle()
+
+    def tries(self, of: int, least: int, blocks: float = 1, seconds: float = TRIED_SECONDS) -> int:
+        """How many of so many tries a case makes: all, or those for which this line has the time.
+
+        Parameters
+        ----------
+        of, least : int
+            All, and how many are made on any line.
+        blocks : float
+            How many blocks, or what takes as long, a try needs.
+        seconds : float
+            The time for all tries of the case.
+        """
+        each = blocks * self.block_seconds
+        fit = of if each * of <= (left := seconds - self._tried_seconds) else int(max(left, 0) / each)
+        made = min(of, max(least, fit))
+        self._tried_seconds += made * each
+        self.tried = [self.tried[0] + made, self.tried[1] + of]
+        if made < of:
+            self.note("tried", f"{made} of {of}: a block takes {1000 * self.block_seconds:.3g} ms on this line")
+        return made
 
     def end_case(self) -> None:
         """Leave the device off."""

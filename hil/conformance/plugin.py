@@ -306,6 +306,7 @@ class Judge:
     def _try(self, item: pytest.Function, parts: Sequence[CatalogueCase]) -> list[Result]:
         """Run a case once, unless it is known beforehand that it cannot be judged: then nothing is sent."""
         self.bench.forget()
+        self.bench.tried = [0, 0]
         self.bench.line.watch.begin()
         self._too_slow = False
         began = time.perf_counter()
@@ -338,7 +339,8 @@ class Judge:
         whole |= self._is_deferred and bool(self.bench.looks)  # which may still fail
         evidence = self.bench.evidence(whole=whole)
         results = [replace(result, evidence=(*evidence, *result.evidence)) for result in results]
-        results[0] = replace(results[0], seconds=time.perf_counter() - began)
+        tried, of = self.bench.tried
+        results[0] = replace(results[0], seconds=time.perf_counter() - began, tried=(tried, of) if tried < of else None)
         return results
 
     def _of_outputs(self, part: CatalogueCase, case: Result) -> Result:

@@ -80,6 +80,8 @@ class Result:
     again : Verdict or None
         The verdict of the second attempt of a case that failed; None without one. A second attempt does not excuse a
         case that failed once: a device with sporadic failures is not sound.
+    tried : tuple of int, or None
+        How many of how many values were tried, if this line was too slow for all.
     """
 
     case: str
@@ -91,6 +93,7 @@ class Result:
     seconds: float = 0.0
     known: str | None = None
     again: Verdict | None = None
+    tried: tuple[int, int] | None = None
 
     @property
     def tally(self) -> str:
@@ -103,6 +106,11 @@ class Result:
     def changed(self) -> tuple[str, ...]:
         """If it failed, which of its clauses changed in which revision: the device may keep an older one."""
         return changes(self.clauses) if self.verdict is Verdict.FAIL else ()
+
+    @property
+    def is_partial(self) -> bool:
+        """Whether it is a pass that shows less than it says: only a part of its values was tried."""
+        return self.verdict is Verdict.PASS and self.tried is not None
 
     @property
     def group(self) -> str:

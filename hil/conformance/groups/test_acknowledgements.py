@@ -103,7 +103,7 @@ def blocks_of(bench: Bench, bodies: Sequence[Body]) -> list[bytes]:
 def test_each_block_is_answered_in_order(bench: Bench) -> None:
     """Valid and invalid blocks, mixed in one transfer, are answered one by one and in order, and nothing else comes."""
     begin(bench)
-    many = 100 if bench.line.kind == "usb" else 6
+    many = bench.tries(100, 6)
     bodies: tuple[Body, ...] = (NoOp(), Clock())
     blocks, reasons = [], []
     for number in range(many):
@@ -194,7 +194,7 @@ def test_now_is_when_the_block_had_arrived(bench: Bench) -> None:
     now = AckFields(*ACK.unpack(came)).now
     assert now <= behind, f"now is {now}, should be {behind} or earlier, as the clock was asked for after the block"
     before = bench.clock().now
-    found = answers(bench, *blocks_of(bench, [NoOp()] * (40 if bench.line.kind == "usb" else 4)))
+    found = answers(bench, *blocks_of(bench, [NoOp()] * bench.tries(40, 4)))
     after = bench.clock().now
     times = [before, *(answer.now for answer in found)]
     for one, other in pairwise(times[1:]):

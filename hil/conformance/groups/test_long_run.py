@@ -111,7 +111,8 @@ def test_no_place_in_the_queue_is_lost(bench: Bench) -> None:
         Slot(2, bench.weak()),
         beyond,
     ]
-    updates, mixed, at_once = (4000, 1000, 250) if is_fast(bench) else (12, 12, 4)
+    updates, mixed = bench.tries(4000, 12), bench.tries(1000, 12)
+    at_once = 250 if is_fast(bench) else 4
     bodies = [update] * updates + [bench.random.choice(kinds) for _ in range(mixed)]
     for at in range(0, len(bodies), at_once):
         sent = bodies[at : at + at_once]
@@ -170,7 +171,7 @@ def test_many_sessions_follow_each_other(bench: Bench) -> None:
     """Session after session begins with RESTART and its own number, and none reports a loss."""
     player = Player(bench)
     before = bench.status()
-    sessions = 100 if is_fast(bench) else 5
+    sessions = bench.tries(100, 5, 4)
     for _ in range(sessions):
         bench.must(NoOp(), restart=True, number=bench.random.randrange(2**32))
         for ack in player.send_all([Update(Pulses.silent(CHANNELS)), NoOp(), Clock()]):
@@ -184,7 +185,7 @@ def test_outputs_are_enabled_and_disabled_again_and_again(bench: Bench) -> None:
     player = Player(bench)
     bench.disable()
     before = bench.status()
-    times = 50 if is_fast(bench) else 5
+    times = bench.tries(50, 5, 6)
     stretches = []
     for _ in range(times):
         bench.enable()

@@ -76,7 +76,7 @@ def test_numbers_wrap_without_a_gap(bench: Bench) -> None:
 @case("NUM-002", "NUM-003")
 def test_the_next_half_of_all_numbers_follows(bench: Bench) -> None:
     """From any count, numbers up to 2³¹ − 1 ahead of it are accepted, and all others refused."""
-    for _ in range(10 if bench.line.kind == "usb" else 2):
+    for _ in range(bench.tries(10, 2, 8)):
         last = bench.random.randrange(NUMBERS)
         ahead = bench.random.randrange(2, HALF)
         must(bench, last, restart=True)
@@ -139,7 +139,7 @@ def test_each_gap_in_a_transfer_is_told(bench: Bench) -> None:
     begin(bench)
     number = bench.must(Update(SILENT)).sequence
     before = bench.status()
-    steps = [1, 1, 2, 1, 4, 1, 1, 1, 100, 1] * (3 if bench.line.kind == "usb" else 1)
+    steps = [1, 1, 2, 1, 4, 1, 1, 1, 100, 1] * bench.tries(3, 1, 10)
     numbers = [number := (number + step) % NUMBERS for step in steps]
     acks = bench.send_raw(*(pack(Block(Update(SILENT), number)) for number in numbers))
     for ack, step in zip(acks, steps, strict=True):

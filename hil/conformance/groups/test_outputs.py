@@ -200,7 +200,7 @@ def test_it_has_no_effect(bench: Bench, body: Clock | NoOp) -> None:
 @case("BLK-019", "CHN-026")
 def test_a_clock_tells_the_last_pulse_of_the_sync_line(bench: Bench) -> None:
     """A CLOCK is answered with the period of the last sync pulse, the multiple of 4096 before its arrival."""
-    for _ in range(12 if bench.line.kind == "usb" else 4):
+    for _ in range(bench.tries(12, 4)):
         ack = bench.must(Clock())
         expect("commit_period of a CLOCK", ack.commit_period, ack.now_period - ack.now_period % SYNC_PERIODS)
         bench.wait_periods(bench.random.randrange(500, 1500))

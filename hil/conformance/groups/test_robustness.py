@@ -50,7 +50,7 @@ LASTS = frozenset({Risk.FLASH, Risk.RESET})
 
 def at_most(bench: Bench, count: int) -> int:
     """So many, or a few of them if the line is slow."""
-    return count if bench.line.kind == "usb" else max(count // 8, 1)
+    return bench.tries(count, max(count // 8, 1), 2)
 
 
 def check_sound(bench: Bench, before: Status, accepted: int, refused: int) -> None:

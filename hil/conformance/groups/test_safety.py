@@ -407,7 +407,7 @@ def test_a_refused_block_is_no_sign_of_life(bench: Bench, reason: Reason) -> Non
     last = [bench.must(body) for body in accepted][-1]
     bench.order(Request.WATCHDOG, ms)
     bench.wait(ms / 3000)
-    blocks = some(bench, refused.blocks(bench, last), FEW_REFUSED)
+    blocks = some(bench, refused.blocks(bench, last), FEW_REFUSED, seconds=ms / 4000)
     at_once = 1 if reason is Reason.LENGTH else len(blocks)
     acks = [ack for at in range(0, len(blocks), at_once) for ack in bench.send_raw(*blocks[at : at + at_once])]
     check_not_yet(bench, last.now + ms * TICKS_PER_MS)
@@ -646,7 +646,7 @@ def test_a_change_close_to_the_end_begins_everywhere_or_nowhere(bench: Bench) ->
     """
     found: set[int] = set()
     enable(bench)
-    for _ in range(12 if bench.line.kind == "usb" else 2):
+    for _ in range(bench.tries(12, 2, 10)):
         bench.enable()
         bench.order(Request.WATCHDOG, LONG_MS)
         field, following = play(bench), bench.weak()
@@ -871,7 +871,7 @@ def test_the_power_of_every_width_is_counted(bench: Bench) -> None:
     """A slot exactly at the limit is accepted, one a thousandth above is refused with DRIVE, for all widths."""
     set_limit(bench, 3)
     widths = list(range(1, 26))
-    for width in widths if bench.line.kind == "usb" else bench.random.sample(widths, 8):
+    for width in some(bench, widths, 8, 2):
         ack = bench.send(Slot(0, pulses_of(bench, 3000, width)))
         expect(f"the reason for 3000 thousandths with a width of {width}", ack.reason, Reason.ACCEPTED)
         ack = bench.send(Slot(0, pulses_of(bench, 3001, width)))

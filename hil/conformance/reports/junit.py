@@ -73,7 +73,7 @@ def _case(result: Result) -> Element:
         parts.append(element("skipped", message=f"{kind.value}: {result.known}; {why(result)}"))
     elif kind in SKIPPED:
         parts.append(element("skipped", message=f"{kind.value}: {result.reason}"))
-    output = [result.sentence, *map(said, result.evidence)]
+    output = [result.sentence, *([why(result)] if result.is_partial else []), *map(said, result.evidence)]
     if kind is Standing.WARN:
         output.insert(0, f"{kind.value}: {result.reason}")
     parts.append(element("system-out", "\n".join(output)))

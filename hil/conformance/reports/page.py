@@ -198,8 +198,8 @@ def _finding(result: Result, room: int) -> Element:
 
 def _about(result: Result) -> Iterator[Element]:
     """The reason of the verdict on a case, its sentence, and the clauses that it shows."""
-    if result.reason:
-        yield element("p", why(result), class_="reason")
+    if told := why(result):
+        yield element("p", told, class_="reason")
     if result.known is not None:
         yield element("p", f"Expected to fail: {result.known}", class_="reason")
     yield element("p", result.sentence)
@@ -341,6 +341,7 @@ def _case(result: Result) -> Element:
     if standing(result) in FINDINGS:
         made = element("li", _badge(standing(result)), " ", _link(result))
     else:
-        made = element("li", _badge(standing(result)), f" {result.case}", id=_place(result.case))
+        part = f": {why(result)}" if result.is_partial else ""
+        made = element("li", _badge(standing(result)), f" {result.case}{part}", id=_place(result.case))
     made.attrib["data-kind"] = standing(result).value
     return made

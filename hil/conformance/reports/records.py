@@ -36,7 +36,8 @@ def record(run: Run, matrix: Matrix) -> dict[str, Any]:
         "interrupted by": run.interrupted_by or None,
         "provenance": asdict(run.provenance),
         "counts": {verdict.value: run.count(verdict) for verdict in Verdict}
-        | {kind.value: standings.count(kind) for kind in expected},
+        | {kind.value: standings.count(kind) for kind in expected}
+        | {"partial pass": sum(result.is_partial for result in run.results)},
         "trouble": list(run.trouble),
         "results": [_result(result) for result in run.results],
         "matrix": _matrix(matrix, verdicts),
@@ -55,6 +56,7 @@ def _result(result: Result) -> dict[str, Any]:
         "reason": result.reason,
         "tally": result.tally,
         "changed": list(result.changed),
+        "tried": None if result.tried is None else dict(zip(("values", "of"), result.tried, strict=True)),
         "known": result.known,
         "seconds": result.seconds,
         "evidence": [asdict(item) for item in result.evidence],

@@ -104,6 +104,8 @@ def verdict_line(run: Run) -> str:
         (Standing.NOT_APPLICABLE, "did not apply"),
     )
     said += [f"{standings.count(kind)} {words}" for kind, words in others if kind in standings]
+    if partial := sum(result.is_partial for result in run.results):
+        said.append(f"{partial} {'pass' if partial == 1 else 'passes'} tried only a part")
     return ", ".join(said)
 
 
@@ -112,8 +114,9 @@ def _cases(number: int) -> str:
 
 
 def why(result: Result) -> str:
-    """The reason of a case's verdict and, for a failure, how often it failed and which of its clauses are newer."""
-    return "; ".join(filter(None, (": ".join(filter(None, (result.tally, result.reason))), *result.changed)))
+    """The reason of a case's verdict; for a failure how often it failed and what is newer, for some passes what was tried."""
+    part = "only {} of {} values were tried, for the line is slow".format(*result.tried) if result.tried else ""
+    return "; ".join(filter(None, (": ".join(filter(None, (result.tally, result.reason or part))), *result.changed)))
 
 
 def trail(result: Result) -> tuple[Evidence, ...]:

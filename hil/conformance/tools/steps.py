@@ -29,7 +29,7 @@ from ....protocol.codes import BLOCK_BYTES, RECORD_BYTES, SYNC_PERIODS, AckFlag,
 from ....protocol.pulses import Pulses
 from ....protocol.replies import Status
 from ...traffic import Traffic
-from ..bench import Bench
+from ..bench import TRIED_SECONDS, Bench
 from ..cases import Inconclusive, NotApplicable, expect
 from .forge import forged
 from .player import soon
@@ -73,7 +73,7 @@ FAR_PERIODS = 2_000_000
 LATER_BLOCKS = 12
 """How many a case can send before a period that it names."""
 FEW = 6
-"""How many of the blocks of one sort go over a serial line, on which each takes up to 45 ms."""
+"""How many values of one sort are tried on the slowest line."""
 
 MOST_ENTRY_PERIODS = 65_535
 """The longest entry of a sequence (clause BLK-014)."""
@@ -178,14 +178,19 @@ def later(bench: Bench) -> int:
     return soon(bench, LATER_BLOCKS)
 
 
-def some(bench: Bench, items: Iterable[Item], few: int = FEW) -> list[Item]:
-    """All of them, but over a serial line only a few, at random, in their order."""
+def some(
+    bench: Bench, items: Iterable[Item], least: int = FEW, blocks: float = 1, seconds: float = TRIED_SECONDS
+) -> list[Item]:
+    """All of them, or those for which the line has the time (`Bench.tries`), in their order.
+
+    The first and the last are always among them: items go from one extreme to the other. The rest is drawn.
+    """
     every = list(items)
-    if bench.line.kind == "usb" or len(every) <= few:
+    made = bench.tries(len(every), least, blocks, seconds)
+    if made == len(every):
         return every
-    chosen = sorted(bench.random.sample(range(len(every)), few))
-    bench.note("sample", f"{few} of {len(every)}: a serial line is slow")
-    return [every[index] for index in chosen]
+    inner = bench.random.sample(range(1, len(every) - 1), max(made - 2, 0))
+    return [every[index] for index in sorted([0, len(every) - 1, *inner])]
 
 
 def forge(bench: Bench, body: Body, payload: bytes | None = None, /, **fields: int) -> bytes:
