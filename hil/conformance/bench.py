@@ -768,6 +768,21 @@ class Bench:
         self.line.reopen(RETURN_SECONDS)
         self._number = None
 
+    def begin_anew(self) -> bool:
+        """Restart the device, so that nothing of what was asked of it is left; returns False if this is not allowed.
+
+        It is False also if the device does not take the order or does not come back, which the next case shows.
+        """
+        if Risk.RESET not in self.allowed:
+            return False
+        try:
+            if isinstance(self.line, RawSerialLine):
+                self.line.enter_frames()
+            self.restart(lambda: self.order(Request.RESET))
+        except (DeviceError, ReplyError, AssertionError):
+            return False
+        return True
+
     def power_cycle(self) -> None:
         """Cut the power for a tenth of a second.
 

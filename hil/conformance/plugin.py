@@ -269,7 +269,8 @@ class Judge:
     def pytest_runtest_protocol(self, item: pytest.Function) -> bool | None:
         """Judge one case, from beginning to end.
 
-        A case for which this computer was too slow gets more time in the next attempt; one that fails is run once more.
+        A case for which this computer was too slow gets more time in the next attempt; one that fails is run once more,
+        after a restart of the device where that is allowed.
         """
         if self._trying:
             return None  # pytest runs it through `_try`
@@ -284,9 +285,10 @@ class Judge:
         if self.interruption is not None:
             return True  # no verdict was reached
         if any(result.verdict is Verdict.FAIL for result in results) and self.again and self._lost is None:
+            fresh = self.bench.begin_anew()
             again = self._try(item, parts)
             if self.interruption is None:
-                results = [_twice(*tries) for tries in zip(results, again, strict=True)]
+                results = [replace(_twice(*tries), fresh=fresh) for tries in zip(results, again, strict=True)]
         elif self._is_deferred and self.bench.looks and results[-1].verdict is Verdict.PASS:
             self._pending.append((len(self.results) + len(parts) - 1, parts[-1], self.bench.looks.copy()))
             waits = "its outputs are judged from the recording"

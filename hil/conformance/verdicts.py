@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import signal
 from dataclasses import dataclass
 from enum import StrEnum
@@ -80,6 +81,8 @@ class Result:
     again : Verdict or None
         The verdict of the second attempt of a case that failed; None without one. A second attempt does not excuse a
         case that failed once: a device with sporadic failures is not sound.
+    fresh : bool
+        Whether the device was restarted before the second attempt, which then inherited nothing.
     tried : tuple of int, or None
         How many of how many values were tried, if this line was too slow for all.
     """
@@ -93,6 +96,7 @@ class Result:
     seconds: float = 0.0
     known: str | None = None
     again: Verdict | None = None
+    fresh: bool = False
     tried: tuple[int, int] | None = None
 
     @property
@@ -106,6 +110,17 @@ class Result:
     def changed(self) -> tuple[str, ...]:
         """If it failed, which of its clauses changed in which revision: the device may keep an older one."""
         return changes(self.clauses) if self.verdict is Verdict.FAIL else ()
+
+    @property
+    def run_again(self) -> str:
+        """The options that should show a failure again: its case if it failed again after a restart, else its group.
+
+        Empty if it was tried once.
+        """
+        if not self.tally or self.again is None:
+            return ""
+        alone = self.fresh and self.again is Verdict.FAIL
+        return f"--only {shlex.quote(self.case if alone else self.group)}"
 
     @property
     def is_partial(self) -> bool:

@@ -408,7 +408,8 @@ def test_the_device_survives_noise_on_the_console(bench: Bench) -> None:
     line.enter_frames()
     played = play(bench)
     before = bench.status()
-    for _ in range(at_most(bench, 12)):
+    rounds = at_most(bench, 12)
+    for _ in range(rounds):
         for _ in range(4):
             line.write(chatter(bench, bench.random.randint(1, 200)))
             line.read(0.01)
@@ -416,7 +417,6 @@ def test_the_device_survives_noise_on_the_console(bench: Bench) -> None:
         answer = line.request(Setup(0xC1, Request.INFO, 0, 0, 64))
         expect("INFO by the line", answer, bench.info.encode())
         bench.must(NoOp())
-    rounds = at_most(bench, 12)
     check_sound(bench, before, rounds, 0)
     expect("what plays since", bench.status().since_period, played.commit_period)
 

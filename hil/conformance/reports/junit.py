@@ -17,6 +17,7 @@ from .summary import (
     MOST_EVIDENCE,
     Standing,
     abridged,
+    advice,
     groups,
     left_out,
     provenance_rows,
@@ -83,7 +84,8 @@ def _case(result: Result) -> Element:
 
 def _failure(result: Result) -> Iterator[str]:
     """A failure in lines: what was wrong, by which clauses, the decisive evidence, and what came before it."""
-    yield from (why(result), f"shows {', '.join(result.clauses)}", result.sentence)
+    shows = f"shows {', '.join(result.clauses)}"
+    yield from filter(None, (why(result), shows, result.sentence, advice(result)))
     *before, last = [said(abridged(item)) for item in trail(result)[-MOST_EVIDENCE:]] or [""]
     if last:
         yield f"Last before the failure:\n{last}"

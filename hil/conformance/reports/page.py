@@ -25,6 +25,7 @@ from .summary import (
     RunOutcome,
     Standing,
     abridged,
+    advice,
     by_reason,
     groups,
     left_out,
@@ -200,6 +201,8 @@ def _about(result: Result) -> Iterator[Element]:
     """The reason of the verdict on a case, its sentence, and the clauses that it shows."""
     if told := why(result):
         yield element("p", told, class_="reason")
+    if again := advice(result):
+        yield element("p", again)
     if result.known is not None:
         yield element("p", f"Expected to fail: {result.known}", class_="reason")
     yield element("p", result.sentence)

@@ -13,6 +13,7 @@ __all__ = [
     "RunOutcome",
     "Standing",
     "abridged",
+    "advice",
     "by_reason",
     "groups",
     "left_out",
@@ -117,6 +118,19 @@ def why(result: Result) -> str:
     """The reason of a case's verdict; for a failure how often it failed and what is newer, for some passes what was tried."""
     part = "only {} of {} values were tried, for the line is slow".format(*result.tried) if result.tried else ""
     return "; ".join(filter(None, (": ".join(filter(None, (result.tally, result.reason or part))), *result.changed)))
+
+
+def advice(result: Result) -> str:
+    """How to see a failure again; empty for any other result."""
+    if not result.run_again:
+        return ""
+    if result.fresh and result.again is Verdict.FAIL:
+        told = "it failed again after a restart"
+    elif result.fresh:
+        told = "it did not fail after a restart, so it may need what ran before it"
+    else:
+        told = "the device was not restarted in between, so it may need what ran before it"
+    return f"Run again with {result.run_again}: {told}"
 
 
 def trail(result: Result) -> tuple[Evidence, ...]:

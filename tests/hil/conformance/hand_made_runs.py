@@ -45,6 +45,7 @@ EVERY = Run(
             (*SEEN, Evidence("device", HOSTILE), DECISIVE, CLEANED_UP),
             0.5,
             again=Verdict.FAIL,
+            fresh=True,
         ),
         Result(
             "blocks/known",

@@ -20,6 +20,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Risk
 from phasewire.hil.conformance.plugin import Judge, Watcher
 from phasewire.hil.conformance.profile import Profile
+from phasewire.hil.conformance.reports.summary import advice
 from phasewire.hil.conformance.running import RunOptions, catalogue, run_conformance
 from phasewire.hil.conformance.verdicts import Evidence
 from phasewire.protocol.codes import State
@@ -645,6 +646,47 @@ def test_a_case_that_fails_is_run_again_and_stays_a_failure(groups: Path) -> Non
         (Verdict.PASS, "", ""),
     ]
     assert [result.breaks for result in run.results] == [True, False, True, False]
+
+
+INHERITED = '''
+@case("BLK-020")
+def test_before(bench: Bench) -> None:
+    """It leaves a count behind, which the device keeps until a restart."""
+    bench.enable()
+    bench.must(NoOp())
+
+@case("BLK-020")
+def test_it_needs_what_ran_before(bench: Bench) -> None:
+    """It fails after the other case, and not after a restart."""
+    accepted = bench.status().accepted
+    assert accepted == 0, f"{accepted} blocks were accepted before, should be 0"
+
+@case("BLK-020")
+def test_it_needs_nothing(bench: Bench) -> None:
+    """It always fails."""
+    expect("the state", bench.status().state, State.PLAYING)
+'''
+REPEATED = [
+    (
+        frozenset({Risk.RESET}),
+        [("failed 1 of 2", True, "--only inherited"), ("failed 2 of 2", True, "--only inherited/it-needs-nothing")],
+    ),
+    (frozenset[Risk](), [("failed 2 of 2", False, "--only inherited")] * 2),
+]
+
+
+@pytest.mark.parametrize(("allowed", "told"), REPEATED, ids=["reset", "no-reset"])
+def test_a_second_try_begins_with_a_restart_and_the_report_says_how_to_run_it_again(
+    groups: Path, allowed: frozenset[Risk], told: list[tuple[str, bool, str]]
+) -> None:
+    write(groups, "inherited", INHERITED)
+    run = run_conformance(RunOptions("emulator:", allowed=allowed))
+    failed = run.results[1:]
+    assert [(result.tally, result.fresh, result.run_again) for result in failed] == told
+    needs = "it did not fail" if allowed else "the device was not restarted"
+    assert needs in advice(failed[0])
+    assert "may need what ran before it" in advice(failed[0])
+    assert advice(run.results[0]) == run.results[0].run_again == ""
 
 
 def test_a_case_is_run_once_if_that_is_asked_for(groups: Path) -> None:

@@ -57,11 +57,11 @@ def test_what_breaks_is_a_failure_and_what_is_not_judged_is_skipped() -> None:
         "failed 2 of 2: the state is OFF, should be READY",
         "shows BLK-003, ACK-003/1",
         "A bad block is refused, for damage must not play.",
+        "Run again with --only 'blocks/bad[a b]': it failed again after a restart",
         "Last before the failure:",
         "records: acknowledgement 7 accepted ✗ ACK-002: it is wrong",
         f"    {DECISIVE.text[:95]}… (606 characters)",
         "Before that, in order:",
-        "step 5: 05 00",
     ]
     assert lines[-1] == "… and 4 before these and 1 after the end, in --json"
     assert message("blocks/known") == "known failure: revision C; failed 1 of 2: it did"

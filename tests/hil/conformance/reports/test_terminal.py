@@ -91,6 +91,7 @@ def test_a_failure_is_shown_with_what_a_repair_needs() -> None:
     assert [line.strip() for line in after] == [
         "A bad block is refused, for damage must not play.",
         "failed 2 of 2: the state is OFF, should be READY",
+        "Run again with --only 'blocks/bad[a b]': it failed again after a restart",
         "shows BLK-003, ACK-003/1",
         "… and 4 before these and 1 after the end, in --json",
         *(f"step {number}: {number:02x} 00" for number in range(5, 11)),
