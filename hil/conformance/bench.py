@@ -98,6 +98,8 @@ SLICE_SECONDS, LONGEST_SLICE_SECONDS = 0.01, 0.2
 """How long to wait for a transfer of blocks, which may be larger than the device's buffers, before records are read."""
 WAIT_SECONDS = 1.0
 """What a line and a computer may add to a wait for a tick."""
+PACE_SECONDS = 0.1
+"""The least time over which the device's clock is compared with the host's."""
 MOST_SLOWNESS = 64
 """Periods are then named 3.2 s ahead."""
 OFF_SECONDS = 0.1
@@ -175,6 +177,8 @@ class Bench:
         The judgements of the outputs in this case, in order. Each returns what was seen, or raises what was wrong.
     block_seconds : float
         How long a block and its acknowledgement take on this line, as measured at the first case.
+    pace : float
+        The time of the device for one second of the host, as last measured; at most 1.
     tried : list of int
         Of how many values this case tried how many.
     unasked : list of Status
@@ -218,6 +222,8 @@ class Bench:
         self._number: int | None = None
         self._first: Status | None = None
         self._known_tick, self._known_at = 0, 0.0
+        self.pace = 1.0
+        self._paced_from = 0, 0.0
         try:
             self.info = Info.decode(self.ask(Request.INFO))
         except (AssertionError, ReplyError) as error:
@@ -560,14 +566,32 @@ class Bench:
     def status(self) -> Status:
         """Ask for STATUS."""
         status = Status.decode(self.ask(Request.STATUS))
-        self._known_tick, self._known_at = status.now, self.line.time.monotonic()
+        self._know(status.now)
         return status
 
     def clock(self) -> ClockReading:
         """Ask for CLOCK."""
         reading = ClockReading.decode(self.ask(Request.CLOCK))
-        self._known_tick, self._known_at = reading.now, self.line.time.monotonic()
+        self._know(reading.now)
         return reading
+
+    def _know(self, tick: int) -> None:
+        """Note the device's tick, and after some time how fast it counts."""
+        self._known_tick, self._known_at = tick, self.line.time.monotonic()
+        first, at = self._paced_from
+        passed = self._known_at - at
+        if at and tick >= first and passed < PACE_SECONDS:
+            return
+        if at and tick >= first:
+            self.pace = min(max((tick - first) / TICK_HZ / passed, 1 / MOST_SLOWNESS), 1.0) if self.is_far else 1.0
+        self._paced_from = tick, self._known_at
+
+    def _is_over(self, began: float, seconds: float) -> bool:
+        """Whether time is over by the host's clock and, if the device is slower, by the device's."""
+        passed = self.line.time.monotonic() - began
+        if passed >= seconds and self.is_far:
+            self.clock()
+        return passed >= seconds / self.pace
 
     def read_back(self) -> ReadBack:
         """Ask for PULSES."""
@@ -643,7 +667,7 @@ class Bench:
         self._write(blocks)
         acks = [self._next_ack(block, noted=place < NOTED_BLOCKS) for place, block in enumerate(blocks)]
         if acks:
-            self._known_tick, self._known_at = acks[-1].now, self.line.time.monotonic()
+            self._know(acks[-1].now)
         if acks and acks[0].reason is not Reason.ACCEPTED and self._begins(blocks[0]):
             self._number = None  # a refused block has restarted nothing
         return acks
@@ -658,7 +682,7 @@ class Bench:
         data = b"".join(blocks)
         self._acks: deque[Ack] = deque()
         patience = ACK_SECONDS + len(blocks) * BLOCK_SECONDS[self.line.kind]
-        sent, end = 0, self.line.time.monotonic() + patience
+        sent, began = 0, self.line.time.monotonic()
         at_once = len(data) if self.line.kind == "usb" else BLOCK_BYTES
         wait = SLICE_SECONDS
         while sent < len(data):
@@ -669,8 +693,7 @@ class Bench:
             # A line may be so slow that it completes no transfer in so short a time.
             stuck = before == (sent, len(self._acks))
             wait = min(2 * wait, LONGEST_SLICE_SECONDS) if stuck else SLICE_SECONDS
-            late = self.line.time.monotonic() >= end
-            assert sent == len(data) or not late, (
+            assert sent == len(data) or not self._is_over(began, patience), (
                 f"only {sent} of {len(data)} bytes of blocks were taken in {patience:g} s"
             )
 
@@ -695,12 +718,12 @@ class Bench:
     def _next_ack(self, block: bytes, *, noted: bool) -> Ack:
         """The next acknowledgement, evidence if that is wished, or if it is not the expected one that accepts."""
         number = int.from_bytes(block[4:8], "little")
-        end = self.line.time.monotonic() + ACK_SECONDS
+        began = self.line.time.monotonic()
         while not self._acks:
-            assert self.line.time.monotonic() < end, (
+            assert not self._is_over(began, ACK_SECONDS), (
                 f"block {number} is not acknowledged within {ACK_SECONDS:g} s; {self._moved()}"
             )
-            self._collect(end - self.line.time.monotonic())
+            self._collect(max(began + ACK_SECONDS - self.line.time.monotonic(), SLICE_SECONDS))
         ack = self._acks.popleft()
         if noted or (ack.sequence, ack.reason) != (number, Reason.ACCEPTED):
             self.note("acknowledgement", ack.encode(), Traffic.RECORD)

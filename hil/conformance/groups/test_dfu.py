@@ -197,7 +197,7 @@ def test_detach_is_answered_before_the_device_leaves_and_comes_back(bench: Bench
     assert line.detach(), "DETACH is answered with STALL"
     try:
         there = check_leaves(bench, line, asked)
-        bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
+        bench.usb.wait_for(DFU_MODE, RETURN_SECONDS / bench.pace)
         away = now() - there
         assert away >= AWAY_SECONDS, f"the device is back {away:.4f} s after it was there, should be 10 ms or later"
         expect("the serial number in DFU mode", bench.usb.serial, serial)
@@ -210,7 +210,7 @@ def check_leaves(bench: Bench, line: RawDfuLine, asked: float) -> float:
     """Watch a device leave the bus in time after DETACH; returns the host's time of the last answered question."""
     now = bench.line.time.monotonic
     assert line.detached is not None
-    latest, there = line.detached + MOST_SECONDS * (1 + CLOCK_ERROR), asked
+    latest, there = line.detached + MOST_SECONDS * (1 + CLOCK_ERROR) / bench.pace, asked
     told: list[tuple[str, Callable[[], object], object]] = [
         ("the state after DETACH", line.state, DfuState.APP_DETACH),
         ("whether ABORT after DETACH is answered", line.abort, False),
@@ -240,7 +240,7 @@ def test_a_bus_reset_after_detach_hastens_it(bench: Bench) -> None:
     assert line.detach(), "DETACH is answered with STALL"
     try:
         bench.usb.reset()
-        bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
+        bench.usb.wait_for(DFU_MODE, RETURN_SECONDS / bench.pace)
         expect("the state in DFU mode", line.state(), IDLE)
     finally:
         _come_back(bench, line)
@@ -249,7 +249,7 @@ def test_a_bus_reset_after_detach_hastens_it(bench: Bench) -> None:
 def _come_back(bench: Bench, line: RawDfuLine) -> None:
     """Bring the device to run-time mode from any step on its way to DFU mode."""
     if bench.usb.mode != DFU_MODE:
-        bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
+        bench.usb.wait_for(DFU_MODE, RETURN_SECONDS / bench.pace)
     line.leave()
 
 

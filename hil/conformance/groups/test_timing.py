@@ -410,6 +410,7 @@ def test_nothing_that_a_host_asks_for_sets_the_clock(bench: Bench) -> None:
 
     def disturb() -> None:
         bench.order(Request.WATCHDOG, 60_000)
+        bench.order(Request.LIMIT, bench.drive_limit)
         bench.enable()
         bench.must(NoOp(), restart=True)
         bench.must(Update(bench.weak()))

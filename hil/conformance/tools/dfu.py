@@ -104,8 +104,8 @@ class RawDfuLine:
         return None if answer is None else answer[2:].decode("utf-16-le")
 
     def wait(self, milliseconds: float) -> None:
-        """Let time pass."""
-        self._bench.wait(milliseconds / 1000)
+        """Let time pass on the device, which has no clock to ask for in DFU mode: by its pace before."""
+        self._bench.wait(milliseconds / 1000 / self._bench.pace)
 
     # Steps of more than one request
 
@@ -185,12 +185,12 @@ class RawDfuLine:
     def enter(self) -> None:
         """Go to DFU mode."""
         assert self.detach(), "DETACH is answered with STALL"
-        self._usb.wait_for(DFU_MODE, RETURN_SECONDS)
+        self._usb.wait_for(DFU_MODE, RETURN_SECONDS / self._bench.pace)
 
     def leave(self) -> None:
         """Boot by a bus reset, and wait for run-time mode."""
         self._usb.reset()
-        self._usb.wait_for(RUN_TIME, RETURN_SECONDS)
+        self._usb.wait_for(RUN_TIME, RETURN_SECONDS / self._bench.pace)
 
 
 @contextmanager

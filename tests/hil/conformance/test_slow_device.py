@@ -1,0 +1,63 @@
+"""Verdicts on a sound device whose time is slower than the host's, as in an emulator of its processor: no failure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from phasewire.emulator.control import agenda, batches, dispatch, requests
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.lines import usb
+from phasewire.hil.conformance.lines.usb import RawUsbLine
+from phasewire.hil.conformance.running import RunOptions, run_conformance
+
+TIMES = 20
+"""How many seconds pass for the host in one of the device."""
+
+
+class HostTime:
+    """The time of a host beside a device in this process."""
+
+    def __init__(self, device: Any) -> None:
+        self._device = device
+
+    def monotonic(self) -> float:
+        return float(TIMES * self._device.monotonic())
+
+    def sleep(self, seconds: float) -> None:
+        self._device.sleep(seconds / TIMES)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        "timing/nothing-that-a-host-asks-for-sets-the-clock",
+        "timing/changes-of-all-kinds-follow-each-other",
+        "dfu/every-request-in-every-state-leads-where-the-diagram-says[dfu-idle]",
+        "dfu/every-request-in-every-state-leads-where-the-diagram-says[dnload-idle]",
+        "dfu/detach-is-answered-before-the-device-leaves-and-comes-back",
+    ],
+)
+def test_a_device_in_slow_time_fails_no_case(monkeypatch: pytest.MonkeyPatch, case: str) -> None:
+    """Its queue has eight places, and a case needs its later changes to wait for the first."""
+    take, milliseconds = RawUsbLine._take, usb._milliseconds
+
+    def slow(line: RawUsbLine, *seen: Any, **how: Any) -> None:
+        take(line, *seen, **how)
+        line.time = HostTime(line.time)
+
+    monkeypatch.setattr(RawUsbLine, "_take", slow)
+    monkeypatch.setattr(usb, "_milliseconds", lambda seconds: milliseconds(seconds / TIMES))
+    monkeypatch.setattr(Bench, "is_far", True)
+    begin = Bench.begin_case
+
+    def begin_slowly(bench: Bench, name: str) -> None:
+        begin(bench, name)
+        bench.slowness = 16  # as after a case that needed so much
+
+    monkeypatch.setattr(Bench, "begin_case", begin_slowly)
+    for module in (agenda, batches, dispatch, requests):
+        monkeypatch.setattr(module, "QUEUE_BLOCKS", 8)
+    run = run_conformance(RunOptions("emulator:", only=(case,), again=False))
+    assert run.results
+    assert [result for result in run.results if result.breaks] == []
