@@ -586,6 +586,13 @@ class Bench:
             self.pace = min(max((tick - first) / TICK_HZ / passed, 1 / MOST_SLOWNESS), 1.0) if self.is_far else 1.0
         self._paced_from = tick, self._known_at
 
+    def measure_pace(self) -> None:
+        """Compare the device's clock with the host's, before the device has none to ask for."""
+        if self.is_far:
+            self._paced_from = self.clock().now, self.line.time.monotonic()
+            self.wait(PACE_SECONDS)
+            self.clock()
+
     def _is_over(self, began: float, seconds: float) -> bool:
         """Whether time is over by the host's clock and, if the device is slower, by the device's."""
         passed = self.line.time.monotonic() - began

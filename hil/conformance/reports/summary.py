@@ -115,9 +115,10 @@ def _cases(number: int) -> str:
 
 
 def why(result: Result) -> str:
-    """The reason of a case's verdict; for a failure how often it failed and what is newer, for some passes what was tried."""
+    """The reason of a case's verdict; for a failure how often and what is newer, for some passes what was tried."""
     part = "only {} of {} values were tried, for the line is slow".format(*result.tried) if result.tried else ""
-    return "; ".join(filter(None, (": ".join(filter(None, (result.tally, result.reason or part))), *result.changed)))
+    told = ": ".join(filter(None, (result.tally, result.reason or part)))
+    return "; ".join(filter(None, (told, *result.changed)))
 
 
 def advice(result: Result) -> str:

@@ -52,6 +52,8 @@ class RawDfuLine:
         self._downloaded = 0.0
         self._bench = bench
         self._usb = bench.usb
+        if self._usb.mode == RUN_TIME:
+            bench.measure_pace()
 
     def request(self, request: int, value: int = 0, length: int = 0, data: bytes = b"") -> bytes | None:
         """Make any class request to the DFU interface; returns the answer, or None for STALL. A length makes it IN."""
