@@ -270,6 +270,8 @@ class Bench:
         else:
             raise Inconclusive(DOORS[name])
         with opened as line:
+            if line is not self.line:
+                line.watch = self.line.watch
             if isinstance(line, RawSerialLine):
                 line.noted = self._note_bytes
                 line.wire.set_dtr(True)

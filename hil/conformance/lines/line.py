@@ -16,7 +16,13 @@ class RawLine(Protocol):
     """A line that carries blocks and requests to the device, valid or not.
 
     Methods raise a `DeviceError` if the line or the device fails.
+
+    Attributes
+    ----------
+    watch : ClockWatch
     """
+
+    watch: ClockWatch
 
     @property
     def kind(self) -> LineKind:
@@ -29,10 +35,6 @@ class RawLine(Protocol):
     @property
     def time(self) -> Timekeeper:
         """The clock for all waiting."""
-
-    @property
-    def watch(self) -> ClockWatch:
-        """Follows the device's clock."""
 
     def send_blocks(self, blocks: bytes, seconds: float) -> int:
         """Send blocks of 512 bytes one after the other; returns how many bytes were taken in time."""
