@@ -192,8 +192,8 @@ def _print_whole(out: Console, result: Result) -> None:
         _print_indented(out, Text(f"It was expected to fail, and did not: {legible(result.known or '')}", "bold"))
     if result.reason:
         _print_indented(out, Text(legible(why(result)), "bold"))
-    if told := advice(result):
-        _print_indented(out, Text(legible(told)))
+    if again := advice(result):
+        _print_indented(out, Text(legible(again)))
     _print_indented(out, Text(f"shows {', '.join(map(legible, result.clauses))}", "dim"))
     shown = trail(result)[-MOST_EVIDENCE:]
     if note := left_out(result, len(shown)):
