@@ -61,8 +61,8 @@ def tracker(
 ) -> None:
     """List the sources of hands and which can be used, or watch one and check it.
 
-    It checks the rate of frames, missing ones, their delay, and the number, size and place of hands. Exit code 1 if a
-    check failed, 3 if there is no such source, 4 if it was lost.
+    It checks whether frames are news, their rate, missing ones, their delay, and the number, size and place of hands.
+    Exit code 1 if a check failed, 3 if there is no such source, 4 if it was lost.
     """
     inputs = [] if source is None else files_of(source)
     check_outputs([json_target, record], inputs if pose is None else [*inputs, pose])
@@ -121,6 +121,7 @@ def _measured(watched: Watched) -> dict[str, Any]:
         "rate_hz": watched.rate,
         "longest_gap_s": watched.longest_gap,
         "missing": watched.missing,
+        "stale": sum(watched.stale.values()),
         "latency_s": None if watched.latency is None else watched.latency._asdict(),
         "frames_with_hands": sum(bool(frame.hands) for frame in watched.frames),
         "palm": watched.palm if watched.hands else None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from threading import Event, Thread
 
 import numpy as np
@@ -67,7 +68,8 @@ class MouseHands(LiveHands):
 class _PacedHands(PlayedHands):
     """Frames of a gesture or a recording whose times are by the wall clock, as a tracker's are.
 
-    A loop of touch then lets an emulated device's time follow that clock.
+    A loop of touch then lets an emulated device's time follow that clock. Numbers are counted, as those of a recording
+    may stand still or go back.
     """
 
     live = True
@@ -77,7 +79,8 @@ def at_wall_pace(source: HandSource) -> HandSource:
     """A source of hands, opened with the module `time` as its clock, that keeps the pace of the wall clock."""
     if source.live:
         return source
-    paced = _PacedHands(source.name, source, source.rate, close=source.close)
+    counted = (replace(frame, number=number) for number, frame in enumerate(source))
+    paced = _PacedHands(source.name, counted, source.rate, close=source.close)
     paced.notes = source.notes
     return paced
 

@@ -265,6 +265,7 @@ def touch_figures(report: TouchReport) -> tuple[tuple[str, str], ...]:
         ("Late blocks", str(report.late)),
         ("Turns slipped", str(report.slipped)),
         ("Frames dropped", str(report.dropped)),
+        ("Frames stale", str(report.stale)),
         ("Held up", str(report.held_up)),
     )
 

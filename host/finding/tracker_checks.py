@@ -6,7 +6,7 @@ import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice, pairwise
 from typing import NamedTuple
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ...errors import TrackerError
 from ...solver.contact.anatomy import NEUTRAL
 from ..hands.frames import HandFrame, TrackedHand
+from ..hands.liveness import Liveness, Stale
 from ..hands.sources import HandSource
 from ..lines.transport import Timekeeper
 from .findings import Finding, Judgement, fail, listed, ok, skipped, warn
@@ -82,6 +83,8 @@ class Watched:
         What is wrong with the source as a whole.
     lost : TrackerError or None
         What ended it.
+    stale : mapping
+        How many further frames of a live source were no news, by the reason.
     """
 
     frames: tuple[HandFrame, ...]
@@ -91,6 +94,7 @@ class Watched:
     idle: float = 0.0
     notes: tuple[str, ...] = ()
     lost: TrackerError | None = None
+    stale: Mapping[Stale, int] = field(default_factory=dict)
 
     @cached_property
     def rate(self) -> float | None:
@@ -159,17 +163,22 @@ def watch(
     seconds : float
         For how long.
     on_frame : callable
-        Gets each frame.
+        Gets each frame that is news.
     clock : Timekeeper
         By which a live source gives its frames.
     """
     frames: list[HandFrame] = []
     arrivals: list[float] = []
+    liveness, stale = Liveness(), Counter[Stale]()
     lost = None
     begun = clock.monotonic()
     try:
         for frame in _due(source, seconds, clock) if source.live else _played(source, seconds):
-            arrivals.append(clock.monotonic())
+            now = clock.monotonic()
+            if source.live and (why := liveness.stale(frame, now)) is not None:
+                stale[why] += 1
+                continue
+            arrivals.append(now)
             frames.append(frame)
             on_frame(frame)
     except TrackerError as error:
@@ -179,7 +188,7 @@ def watch(
     else:
         lasted = clock.monotonic() - begun
         idle = begun + lasted - arrivals[-1] if arrivals else lasted
-    return Watched(tuple(frames), tuple(arrivals), lasted, source.live, idle, source.notes, lost)
+    return Watched(tuple(frames), tuple(arrivals), lasted, source.live, idle, source.notes, lost, stale)
 
 
 def _due(source: HandSource, seconds: float, clock: Timekeeper) -> Iterator[HandFrame]:
@@ -211,6 +220,18 @@ def _source(watched: Watched) -> Judgement:
     if watched.notes:
         return warn("; ".join(watched.notes), "see to that first")
     return ok(f"watched for {watched.seconds:.1f} s")
+
+
+def _news(watched: Watched) -> Judgement:
+    if not watched.live:
+        return skipped("the source is played, not seen")
+    stale = sum(watched.stale.values())
+    total = stale + len(watched.frames)
+    if not stale:
+        return ok("each frame was news")
+    seen = f"{stale} of {total} frames were no news: {listed(f'{count} {why}' for why, count in watched.stale.items())}"
+    advice = "touch does not play such frames: start the tracker's software again, and close what delays it"
+    return fail(seen, advice) if stale > MOST_MISSING * total else warn(seen, advice)
 
 
 def _rate(watched: Watched) -> Judgement:
@@ -319,6 +340,7 @@ def _repairs(watched: Watched) -> Judgement:
 
 TRACKER_CHECKS: Mapping[str, Callable[[Watched], Judgement]] = {
     "source": _source,
+    "news": _news,
     "rate": _rate,
     "drops": _drops,
     "latency": _latency,

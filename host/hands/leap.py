@@ -12,6 +12,7 @@ import math
 import re
 import socket
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Thread
@@ -26,6 +27,7 @@ from ..lines.transport import Timekeeper
 from .frames import HandFrame
 from .leap_frames import hands_of, whole
 from .leap_recording import PACKED_SUFFIX, SUFFIX, read_leap_recording
+from .liveness import MOST_AGE_SECONDS, STEADY_SECONDS
 from .recording import PLAYING, played
 from .sources import HandSource, LiveHands, Readiness, read_options
 
@@ -80,40 +82,54 @@ class ServiceClock:
     """Tells by this computer's clock when the service saw a frame, of which it says the microsecond by its own.
 
     The frame that took the shortest way sets the offset between the clocks, as if it had taken no time at all: what
-    all frames need at least, in the camera and the service, cannot be seen from here.
+    all frames need at least, in the camera and the service, cannot be seen from here. A stamp that does not fit the
+    offset is one of a clock that was set anew, or does not run: the offset is set anew once such stamps have kept pace
+    with their arrivals for `STEADY_SECONDS`, and time stands still until then.
     """
 
     DRIFT = 2e-4
     """By which the clocks may drift apart, in seconds for each second."""
     LONGEST_WAY = 1.0
-    """In seconds; a frame that seems to have been longer on its way means that the service's clock was set anew."""
+    """In seconds; a frame that seems to have been longer on its way does not fit. One that seems to be ahead by
+    `MOST_AGE_SECONDS` does not fit either."""
+    PACE = 0.05
+    """Seconds by which the ways of frames may differ while they keep pace."""
 
     def __init__(self) -> None:
-        self._offset = math.inf
-        self._arrival = self._last = -math.inf
+        self._offset = self._trial = math.inf
+        self._arrival = self._last = self._seconds = self._since = -math.inf
 
-    def seen(self, stamp: object, arrival: float) -> float:
-        """The time of a frame in seconds, never before that of the frame before it.
+    def seen(self, stamp: float, arrival: float) -> float:
+        """The time of a frame in seconds, never before that of the frame before it; by the same stamp it is the same.
 
         Parameters
         ----------
-        stamp : object
-            The service's time in µs; if it is no number, the arrival counts.
+        stamp : float
+            The service's time in µs.
         arrival : float
             In seconds of this computer's clock.
         """
-        when = arrival
-        if isinstance(stamp, (int, float)) and abs(stamp) < MOST_STAMP:
-            seconds = float(stamp) * 1e-6
-            on_way = arrival - seconds
-            if abs(on_way - self._offset) < self.LONGEST_WAY:
-                self._offset = min(on_way, self._offset + self.DRIFT * (arrival - self._arrival))
-            else:
-                self._offset = on_way
-            self._arrival = arrival
-            when = seconds + self._offset
-        self._last = max(when, self._last)
+        seconds = stamp * 1e-6
+        on_way = arrival - seconds
+        fits = -MOST_AGE_SECONDS < on_way - self._offset < self.LONGEST_WAY
+        if fits:
+            self._trial = math.inf
+            if seconds <= self._seconds:
+                return self._last
+            self._offset = min(on_way, self._offset + self.DRIFT * (arrival - self._arrival))
+        elif self._offset == math.inf or self._keeps_pace(on_way, arrival):
+            self._offset = on_way
+        else:
+            return self._last
+        self._arrival, self._seconds = arrival, seconds
+        self._last = max(seconds + self._offset, self._last)
         return self._last
+
+    def _keeps_pace(self, on_way: float, arrival: float) -> bool:
+        """Whether stamps that do not fit have kept pace with their arrivals for long enough."""
+        if not abs(on_way - self._trial) <= self.PACE:
+            self._trial, self._since = on_way, arrival
+        return arrival - self._since >= STEADY_SECONDS
 
 
 class LeapHands(LiveHands):
@@ -139,7 +155,6 @@ class LeapHands(LiveHands):
         self.garbled = 0
         self.devices: dict[str, bool] = {}
         self._clock = ServiceClock()
-        self._number = -1
         with ExitStack() as opened:
             self._connection = _connected(opened, address, patience)
             self.version = _greeting(self._connection, address, patience)
@@ -198,11 +213,11 @@ class LeapHands(LiveHands):
             if "event" in said:
                 self._hear(said["event"])
             elif "version" not in said:
+                number, stamp = _mark(said)
                 hands, notes = hands_of(said)
-                self._number = self._number + 1 if (number := whole(said.get("id"))) is None else number
                 rate = said.get("currentFrameRate")
                 self.rate = float(rate) if isinstance(rate, (int, float)) and 1 <= rate <= MOST_RATE else self.rate
-                self.put(HandFrame(self._clock.seen(said.get("timestamp"), arrival), hands, self._number, notes))
+                self.put(HandFrame(self._clock.seen(stamp, arrival), hands, number, notes))
         except ValueError:
             self.garbled += 1
             return False
@@ -266,6 +281,14 @@ def _parsed(message: str | bytes) -> dict[str, Any]:
     if not isinstance(said, dict):
         raise ValueError("it is no object of JSON")
     return said
+
+
+def _mark(said: Mapping[str, Any]) -> tuple[int, float]:
+    """The id and the time stamp of a frame; without them a service that hangs would not be noticed."""
+    number, stamp = whole(said.get("id")), said.get("timestamp")
+    if number is None or not isinstance(stamp, (int, float)) or not abs(stamp) < MOST_STAMP:
+        raise ValueError("a frame has a whole number as its id and a number as its timestamp, and this has not")
+    return number, float(stamp)
 
 
 class _Leap:

@@ -62,7 +62,11 @@ class HandSource(Protocol):
 
     @property
     def live(self) -> bool:
-        """Whether frames come by themselves, as from a tracker; their times are by ``time.monotonic`` then."""
+        """Whether frames come by themselves, as from a tracker.
+
+        Their times are by ``time.monotonic`` then. Numbers and times are the tracker's own, not those of packets that
+        arrive: only a frame in which both are new keeps touch alive (`Liveness`).
+        """
 
     @property
     def ended(self) -> bool:

@@ -41,6 +41,9 @@ MOST_MODEL_BYTES = 1 << 26
 MOST_PIXELS = 1 << 25
 """Of a picture: 8192 × 4096."""
 
+REPEAT_SECONDS = 5e-3
+"""After a picture that is repeated, the next one is read after this: a driver that hangs may not wait for one."""
+
 USUAL_RATE = 30.0
 """Pictures per second of a video or camera that does not say."""
 
@@ -174,7 +177,8 @@ def video_frames(name: str, capture: Any, finder: _Finder, view: CameraView) -> 
 class CameraHands(LiveHands):
     """Hands before a camera, found in a thread of their own.
 
-    The time of a frame is when OpenCV handed over the picture; how long the camera itself took is unknown.
+    The time of a frame is when OpenCV handed over the picture; how long the camera itself took is unknown. A live
+    sensor has noise, so a picture that repeats the one before in every pixel gives the same frame again: no news.
     """
 
     def __init__(self, name: str, capture: Any, finder: _Finder, view: CameraView) -> None:
@@ -185,6 +189,7 @@ class CameraHands(LiveHands):
         self._thread.start()
 
     def _run(self) -> None:
+        before: Picture | None = None
         try:
             while not self._stopped.is_set():
                 good, picture = self._capture.read()
@@ -193,8 +198,14 @@ class CameraHands(LiveHands):
                     raise TrackerLostError(
                         f"{self.name} gives no more pictures: it was unplugged, or its driver failed"
                     )
-                seen = self._finder.find(_rgb(picture, self.name), now)
-                self.put(self._sight.frame(now, seen, picture.shape[0] / picture.shape[1]))
+                shown = _rgb(picture, self.name)
+                if before is None or not np.array_equal(shown, before):
+                    before = shown
+                    seen = self._finder.find(shown, now)
+                    frame = self._sight.frame(now, seen, picture.shape[0] / picture.shape[1])
+                else:
+                    self._stopped.wait(REPEAT_SECONDS)
+                self.put(frame)
         except TrackerError as error:
             self.end(error)
         except Exception as error:  # of OpenCV or MediaPipe; otherwise the reader would wait for ever

@@ -3,8 +3,9 @@
 It takes the newest frame of hands that is due, finds where they touch, lets the points fade in or out, renders them,
 and sends what is new. Between frames it keeps the turns going, and the ramps.
 
-It waits for the source no longer than until the next turn. A source that gives nothing for `STALL_SECONDS` is taken for
-a hand that has left: the field fades, and is silent 50 ms after the last frame. If this program itself is held up, or a
+It waits for the source no longer than until the next turn. A source without news for `STALL_SECONDS` is taken for a
+hand that has left: the field fades, and is silent 50 ms after the last news. Of a live source, only a frame that
+`Liveness` finds new is news: a tracker that hangs may repeat itself for ever. If this program itself is held up, or a
 source does not come back from a call, the device's watchdog does it, which is set to the same time. When such a program
 comes back it begins anew, with a ramp, and counts that it was held up.
 """
@@ -34,6 +35,7 @@ from ...solver.rendering.outline import Outline
 from ...solver.rendering.ways import Way, parse_way
 from ...solver.shapes.points import reachable
 from ..hands.frames import HandFrame
+from ..hands.liveness import Liveness
 from ..hands.sources import HandSource
 from ..playing.device import Device
 from ..playing.limiting import Limit
@@ -48,12 +50,12 @@ from .turns import Alternation, turns_for
 __all__ = ["MOST_RAMP_SECONDS", "RAMP_SECONDS", "SILENCE_SECONDS", "TouchLoop", "TouchMoment"]
 
 SILENCE_SECONDS = 0.05
-"""After the last frame, or the last touch, the outputs are silent by then."""
+"""After the last news of the source, or the last touch, the outputs are silent by then."""
 RAMP_SECONDS = 0.02
 MOST_RAMP_SECONDS = 0.04
 STALL_RAMP_SECONDS = 0.008
 STALL_SECONDS = SILENCE_SECONDS - STALL_RAMP_SECONDS - 0.004
-"""Without a frame, the field fades: longer than the time between two frames of a camera, 33 ms. The rest is for the
+"""Without news, the field fades: longer than the time between two frames of a camera, 33 ms. The rest is for the
 last step of the ramp, and for the way to the outputs."""
 WATCHDOG_SECONDS = SILENCE_SECONDS
 PROGRESS_SECONDS = 0.1
@@ -183,6 +185,7 @@ class TouchLoop:
         self._watchdog = max(WATCHDOG_SECONDS, WATCHDOG_BLOCKS / device.most_updates_per_second)
         self._turns = turns_for(device, way, self._watchdog)
         self._fields = PoseSolver(array, way, method, self._turns.most_frames, device.calibration, limit)
+        self._liveness = Liveness()
         self._follows = source.live and self._clock is not time  # an emulated device's time does not pass by itself
         self._wall_begin, self._begin = time.monotonic(), self._clock.monotonic()
         self._fading = Fading.nothing()
@@ -276,14 +279,26 @@ class TouchLoop:
         """Wait so many seconds for a frame, play it or else what is due: one turn of the loop."""
         frame = self._source.next_frame(max(timeout, 0.0))
         now = self._caught_up()
-        if frame is not None:
+        if frame is not None and self._is_news(frame, now):
             self._heard_at, self._stalled = now, False
-            stamp = frame.time - self._wall_begin + self._begin if self._follows else frame.time
+            stamp = frame.time + self._offset
             if stamp >= self._next - EARLY_SECONDS:
                 self._next = (self._next if stamp < self._next + self._gap else stamp) + self._gap
                 self._survive(partial(self._take, frame, stamp))
                 return
         self._survive(self._go_on)
+
+    def _is_news(self, frame: HandFrame, now: float) -> bool:
+        """Whether a frame is news at a moment by the device's clock; what is none is counted."""
+        if not self._source.live or self._liveness.stale(frame, now - self._offset) is None:
+            return True
+        self._tally.passed_over(frame)
+        return False
+
+    @property
+    def _offset(self) -> float:
+        """Seconds by which the device's clock is ahead of that of the frames."""
+        return self._begin - self._wall_begin if self._follows else 0.0
 
     def _caught_up(self) -> float:
         """The device's time; if the source is live, an emulated one's passes as the wall clock's has until now."""
@@ -356,8 +371,7 @@ class TouchLoop:
         """Where the hands of a frame will be when its field begins."""
         if self._predictor is None:
             return tuple(tracked.hand for tracked in frame.hands)
-        offset = self._begin - self._wall_begin if self._follows else 0.0
-        return self._predictor.hands(frame, now - offset + self._takes + LEAD_SECONDS)
+        return self._predictor.hands(frame, now - self._offset + self._takes + LEAD_SECONDS)
 
     def _reached(self, touch: Touch) -> TouchPoints:
         """The points of a touch that the array can reach; the others are counted."""

@@ -30,8 +30,10 @@ class TouchReport:
         Frames between these that the loop, or the source, came too late for.
     touching : int
         Frames in which a hand touched an object.
+    stale : int
+        Frames of a live source that were no news: repeated, gone back, or too old (`Liveness`). They are not played.
     stalls : int
-        How often the source gave no frame for so long that the outputs were silenced.
+        How often the source gave no news for so long that the outputs were silenced.
     points_mean : float
         Points that were played, on average of the poses that touched.
     points_most : int
@@ -69,6 +71,7 @@ class TouchReport:
     frames: int = 0
     dropped: int = 0
     touching: int = 0
+    stale: int = 0
     stalls: int = 0
     points_mean: float = 0.0
     points_most: int = 0
@@ -100,6 +103,7 @@ class TouchReport:
             (self.out_of_reach, "points out of reach"),
             (self.late, "blocks late"),
             (self.slipped, "turns slipped"),
+            (self.stale, "frames that were no news"),
             (self.stalls, "stalls"),
             (self.held_up, "times held up"),
             (self.notes, "notes on hands"),

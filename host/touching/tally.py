@@ -21,7 +21,7 @@ class Tally:
 
     def __init__(self) -> None:
         self.stalls = self.held_up = self.out_of_reach = 0
-        self._frames = self._dropped = self._touching = self._notes = 0
+        self._frames = self._dropped = self._stale = self._touching = self._notes = 0
         self._points_sum = self._points_most = 0
         self._last_note = ""
         self._number: int | None = None
@@ -36,6 +36,11 @@ class Tally:
         self._number = frame.number
         if frame.notes:
             self._notes, self._last_note = self._notes + len(frame.notes), frame.notes[-1]
+
+    def passed_over(self, frame: HandFrame) -> None:
+        """Count a frame that is no news; it is not missing before the next one."""
+        self._stale += 1
+        self._number = frame.number
 
     def touched(self, points: int) -> None:
         """Count a frame whose hands touch so many points in reach."""
@@ -56,6 +61,7 @@ class Tally:
             self._frames,
             self._dropped,
             self._touching,
+            self._stale,
             self.stalls,
             self._points_sum / self._touching if self._touching else 0.0,
             self._points_most,

@@ -10,11 +10,21 @@ from phasewire.errors import TrackerLostError
 from phasewire.host.finding.findings import CheckVerdict
 from phasewire.host.finding.tracker_checks import TRACKER_CHECKS, Watched, examine_tracker, watch
 from phasewire.host.hands import HandFrame, TrackedHand
+from phasewire.host.hands.liveness import Stale
 from phasewire.host.hands.sources import LiveHands, PlayedHands
 
 from tests.host.hands.clocks import Clock
 
-GOOD = {"source": "ok", "rate": "ok", "drops": "ok", "latency": "ok", "hands": "ok", "size": "ok", "place": "ok"}
+GOOD = {
+    "source": "ok",
+    "news": "ok",
+    "rate": "ok",
+    "drops": "ok",
+    "latency": "ok",
+    "hands": "ok",
+    "size": "ok",
+    "place": "ok",
+}
 GOOD["repairs"] = "ok"
 
 
@@ -152,7 +162,7 @@ class Live(LiveHands):
             self.clock.sleep(timeout)
             return super().next_frame(0)
         frame = self.given.pop(0)
-        self.clock.sleep(max(0.0, frame.time + 0.003 - self.clock.now))
+        self.clock.now = max(self.clock.now, frame.time + 0.003)
         return frame
 
 
@@ -173,6 +183,22 @@ def test_a_stalled_tracker_is_watched_no_longer() -> None:
     nothing = watch(Live([], clock), 1.0, clock=clock)
     assert nothing.frames == ()
     assert nothing.idle == pytest.approx(1)
+
+
+def test_frames_that_are_no_news_are_counted_by_their_reason_and_not_handed_on() -> None:
+    clock, got = Clock(), list[HandFrame]()
+    seen = frames(60)
+    late = [replace(frame, time=seen[39].time) for frame in seen[40:50]]
+    found = watch(Live([*seen[:40], *late, *[late[-1]] * 50], clock), 1.0, got.append, clock)
+    assert tuple(got) == found.frames == tuple(seen[:40])
+    verdict, says, advice = judged(found, "news")
+    assert (verdict, says) == (
+        "fail",
+        "60 of 100 frames were no news: 10 had a new number but the time of the one before, 50 repeated the one before",
+    )
+    assert "start the tracker's software again" in advice
+    assert judged(replace(found, stale={Stale.AGE: 1}), "news")[0] == "warn"
+    assert judged(replace(found, live=False), "news")[0] == "skipped"
 
 
 def test_the_frames_of_a_lost_tracker_are_kept() -> None:

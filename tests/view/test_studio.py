@@ -13,7 +13,8 @@ import pytest
 from numpy.typing import NDArray
 from phasewire import Device, Emulator, Mesh, TransducerArray, open_device, pressure
 from phasewire.errors import DeviceLostError
-from phasewire.host.hands.sources import open_hands
+from phasewire.host.hands.frames import HandFrame
+from phasewire.host.hands.sources import PlayedHands, open_hands
 from phasewire.solver.objects.parsing import MovingObject, parse_object
 from phasewire.view import View
 from phasewire.view.hands import MouseHands, at_wall_pace
@@ -390,6 +391,11 @@ def test_a_gesture_keeps_the_pace_of_the_wall_clock() -> None:
         assert 2 < (last["period"] - first["period"]) / SECOND < passed  # by itself it would be faster
         page.set(hand={"x": 0.1})
         assert "only watches" in page.notice()
+
+
+def test_a_recording_in_which_the_tracker_counted_anew_has_only_news_at_the_pace_of_the_wall_clock() -> None:
+    recorded = (HandFrame(index / 100, number=number) for index, number in enumerate((7, 8, 8, 1, 2)))
+    assert [frame.number for frame in at_wall_pace(PlayedHands("recorded", recorded, 100))] == [0, 1, 2, 3, 4]
 
 
 def test_it_ends_with_the_hands() -> None:

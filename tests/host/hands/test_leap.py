@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from phasewire.errors import TrackerError, TrackerLostError, TrackerNotFoundError
 from phasewire.host.hands import HandFrame, leap, open_hands
 from phasewire.host.hands.leap import ADVICE, LEAP, MOST_GARBLED, POLICIES, Address, LeapHands, ServiceClock
+from phasewire.host.hands.liveness import STEADY_SECONDS
 from websockets.sync.server import ServerConnection
 
 from tests.host.hands.leap_service import PATIENCE, LeapService, leap_frame, sending
@@ -90,6 +91,10 @@ GARBAGE: dict[str, str | bytes] = {
     "no hands": '{"id": 1, "timestamp": 2}',
     "hands that are none": '{"hands": [1], "pointables": []}',
     "too many hands": json.dumps({"hands": [{}] * 17, "pointables": []}),
+    **{f"no {name}": json.dumps({**leap_frame(), name: None}) for name in ("id", "timestamp")},
+    "an id of text": json.dumps({**leap_frame(), "id": "5"}),
+    "a time that is none": json.dumps({**leap_frame(), "timestamp": float("nan")}),
+    "a time without end": json.dumps({**leap_frame(), "timestamp": 10**400}),
     "nested": "[" * 50_000,
     "digits": '{"id": ' + "9" * 100_000 + "}",
 }
@@ -330,22 +335,37 @@ def test_the_frame_with_the_shortest_way_sets_the_clock(steps: list[tuple[float,
         last = found
 
 
-@pytest.mark.parametrize("stamp", [None, "5", [], float("nan"), float("inf"), 10**400, {}])
-def test_without_a_usable_stamp_the_arrival_counts(stamp: object) -> None:
-    clock = ServiceClock()
-    assert clock.seen(1e6, 10.0) == 10.0
-    assert clock.seen(stamp, 10.5) == 10.5
-    assert clock.seen(1.6e6, 11.0) == pytest.approx(10.6, abs=1e-3)
-
-
 def test_frames_out_of_order_do_not_turn_time_back() -> None:
     clock = ServiceClock()
     assert [clock.seen(stamp, 10.0) for stamp in (1.5e6, 1.4e6, 1.5e6)] == [10.0, 10.0, 10.0]
 
 
-def test_a_service_that_restarts_sets_the_clock_again() -> None:
+@pytest.mark.parametrize("first", [0.0, 1e9], ids=["back", "ahead"])
+def test_a_service_that_restarts_sets_the_clock_again_once_it_keeps_pace(first: float) -> None:
     clock = ServiceClock()
-    assert clock.seen(9e9, 100.0) == 100.0
-    assert clock.seen(9e9 + 1e4, 100.02) == pytest.approx(100.01, abs=1e-4)
-    assert clock.seen(0, 101.0) == 101.0
-    assert clock.seen(1e4, 101.03) == pytest.approx(101.01, abs=1e-4)
+    assert clock.seen(9e6, 100.0) == 100.0
+    assert clock.seen(9e6 + 1e4, 100.02) == pytest.approx(100.01, abs=1e-4)
+    times = [clock.seen(first + 1e4 * count, 101 + 0.01 * count) for count in range(80)]
+    steady = round(100 * STEADY_SECONDS)
+    assert times[:steady] == [pytest.approx(100.01, abs=1e-4)] * steady
+    assert times[steady + 1 :] == pytest.approx(101 + 0.01 * np.arange(steady + 1, 80), abs=1e-4)
+
+
+HUNG: dict[str, Callable[[int], float]] = {
+    "stands still": lambda _: 1e6,
+    "creeps": lambda count: 1e6 + count,
+    "is slow": lambda count: 1e6 + 5e3 * count,
+    "jumps back and forth": lambda count: 1e6 - 7e5 * (count % 3),
+    "jumps far": lambda count: 1e6 - 1e7 * (count % 3),
+    "goes in circles": lambda count: 1e6 + 1e4 * (count % 20),
+}
+
+
+@pytest.mark.parametrize("stamp", HUNG.values(), ids=HUNG)
+def test_a_stamp_of_a_service_that_hangs_never_becomes_young_again(stamp: Callable[[int], float]) -> None:
+    """However long it comes, its time is that of the newest stamp, by the clock as it was, but for the drift."""
+    clock, newest = ServiceClock(), 0.0
+    for count in range(2000):  # twenty seconds
+        newest = max(newest, stamp(count))
+        slack = ServiceClock.DRIFT * 0.01 * count + 1e-9
+        assert clock.seen(stamp(count), 100 + 0.01 * count) <= 100 + (newest - 1e6) * 1e-6 + slack

@@ -32,10 +32,12 @@ BLUE[..., 0] = 255  # OpenCV's first colour
 
 
 class Capture:
-    """A stand-in for `cv2.VideoCapture`: one picture after another, and properties by number."""
+    """A stand-in for `cv2.VideoCapture`: one picture after another, of which one pixel differs until it hangs."""
 
-    def __init__(self, times_ms: list[float], rate: float = 25.0, picture: NDArray[np.uint8] = BLUE) -> None:
-        self.times, self.rate, self.picture = times_ms, rate, picture
+    def __init__(
+        self, times_ms: list[float], rate: float = 25.0, picture: NDArray[np.uint8] = BLUE, hangs: int = 1000
+    ) -> None:
+        self.times, self.rate, self.picture, self.hangs = times_ms, rate, picture, hangs
         self.read_so_far = 0
         self.released = Event()
 
@@ -44,6 +46,7 @@ class Capture:
 
     def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
         self.read_so_far += 1
+        self.picture[-1, -1, -1] = min(self.read_so_far, self.hangs) % 256
         return (True, self.picture) if self.read_so_far <= len(self.times) else (False, None)
 
     def get(self, number: int) -> float:
@@ -108,7 +111,7 @@ def test_a_video_without_a_picture_is_refused() -> None:
 
 
 def test_a_picture_that_is_too_large_is_refused() -> None:
-    vast = np.broadcast_to(BLUE[:1, :1], (8192, 4097, 3))
+    vast = np.zeros((8192, 4097, 3), np.uint8)
     with pytest.raises(InputFileError, match="pictures of 4097 × 8192 pixels"):
         list(video_frames("wave.mp4", Capture([0], picture=vast), Finder(), CameraView()))
 
@@ -131,6 +134,15 @@ def test_a_camera_gives_frames_as_they_come_and_says_when_it_is_gone() -> None:
     assert [frame.number for frame in frames] == [0, 1, 2]
     assert [frame.time for frame in frames] == [asked for _, asked in finder.asked]
     assert before <= frames[0].time <= frames[2].time <= time.monotonic()
+
+
+def test_a_camera_that_repeats_its_picture_repeats_its_frame() -> None:
+    finder = Finder()
+    with CameraHands("camera 0", Capture([0] * 6, hangs=3), finder, CameraView()) as camera:
+        frames = [next(camera) for _ in range(6)]
+    assert [frame.number for frame in frames] == [0, 1, 2, 2, 2, 2]
+    assert [frame.time for frame in frames[3:]] == [frames[2].time] * 3
+    assert len(finder.asked) == 3
 
 
 @pytest.mark.parametrize(

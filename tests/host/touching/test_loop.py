@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from typing import Any
+from contextlib import contextmanager
+from queue import SimpleQueue
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -13,8 +15,11 @@ from numpy.typing import NDArray
 from phasewire import Circle, ControlPoints, Device, Emulator, Mesh, TransducerArray, open_device, pressure
 from phasewire.emulator.faults import HotBoard, InjectedFault, PowerCut, StalledEndpoint, Unplugged
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError, TrackerLostError
+from phasewire.host.hands import leap
 from phasewire.host.hands.frames import HandFrame, TrackedHand
-from phasewire.host.hands.sources import LiveHands, PlayedHands, open_hands
+from phasewire.host.hands.liveness import STEADY_SECONDS
+from phasewire.host.hands.sources import HandSource, PlayedHands, open_hands
+from phasewire.host.touching import loop as loop_module
 from phasewire.host.touching.fields import PoseSolver, PulseCycle
 from phasewire.host.touching.loop import MOST_RAMP_SECONDS, SILENCE_SECONDS, TouchLoop, TouchMoment
 from phasewire.host.touching.report import TouchReport
@@ -23,8 +28,12 @@ from phasewire.solver.contact.touch import Touch, Toucher
 from phasewire.solver.methods.split import split
 from phasewire.solver.rendering.renderer import Renderer
 from phasewire.solver.shapes.points import check_reachable
+from websockets.sync.server import ServerConnection
 
-from .ring import POINTS, Ring, frames, source
+from tests.host.hands.clocks import Clock
+from tests.host.hands.leap_service import PATIENCE, LeapService, leap_frame
+
+from .ring import POINTS, Ring, frames, hand_at, source
 
 STREAMED, STORED, OTHERS = "two-sided:envelope=square", "stm", ("two-sided", "am", "lm", "auto")
 in_each_way = pytest.mark.parametrize(
@@ -439,25 +448,136 @@ def test_stop_from_outside_ends_the_loop(render: str) -> None:
         assert last_sound(emulator) < 0.22 * 40_000
 
 
-class Tracker(LiveHands):
-    """A live source, fed by a test."""
+STEP, HANG, BACK = 0.01, 20, 40
+"""Seconds from frame to frame; the last frame before a tracker hangs; the first one after it has restarted."""
 
 
-def test_a_live_source_and_an_emulated_device_share_the_wall_clock() -> None:
-    import time
+class Says(NamedTuple):
+    """A tracker's frame: its number, its time in seconds, and the service's time of the tracker's begin."""
 
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        tracker = Tracker("tracker", 100)
-        loop = loop_of(device, tracker)
-        loop._wall_begin, loop._begin = time.monotonic(), device.time.monotonic()
-        for number, frame in zip(range(5), frames(100, 1, still), strict=False):
-            tracker.put(replace(frame, time=time.monotonic(), number=number))
-            loop.turn(0.0)
-            wall = time.monotonic() - loop._wall_begin
-        passed = device.time.monotonic() - loop._begin
-        assert passed <= wall + 0.01
-        assert loop.report.frames == 5
-        assert loop.report.stages["wait"].worst_seconds <= wall
+    number: int
+    time: float
+    began: float = -5000.0
+
+
+def jumping(each: int) -> Says:
+    back = each - 7 * (each % 2) * (each > HANG)
+    return Says(back, back * STEP)
+
+
+def restarted(each: int) -> Says | None:
+    if HANG < each < BACK:
+        return None
+    return Says(each, each * STEP) if each <= HANG else Says(each - BACK, each * STEP, BACK * STEP)
+
+
+TRACKERS: dict[str, Callable[[int], Says | None]] = {
+    "repeats its last frame": lambda each: Says(min(each, HANG), min(each, HANG) * STEP),
+    "freezes the time": lambda each: Says(each, min(each, HANG) * STEP),
+    "freezes the number": lambda each: Says(min(each, HANG), each * STEP),
+    "jumps back and forth": jumping,
+    "sends old frames": lambda each: Says(each, each * STEP - 0.3 * (each > HANG)),
+    "restarts": restarted,
+    "is well": lambda each: Says(each, each * STEP),
+}
+
+
+class Foreign:
+    """A live source of another package, which shares nothing with `LiveHands`; its frames are never late."""
+
+    name, notes, rate, live = "theirs", (), 1 / STEP, True
+
+    def __init__(self, clock: Clock, says: Callable[[int], Says | None], seconds: float) -> None:
+        self._clock, self._says, self._begun = clock, says, clock.now
+        self._each, self._last = 0, round(seconds / STEP)
+        self.sent = 0
+
+    @property
+    def ended(self) -> bool:
+        return self._each > self._last
+
+    def next_frame(self, timeout: float) -> HandFrame | None:
+        due = self._begun + self._each * STEP
+        if due > self._clock.now + timeout:
+            self._clock.now += max(timeout, 1e-5)  # as a call takes some time
+            return None
+        self._clock.now = max(self._clock.now, due)
+        said = self._says(self._each)
+        self._each += 1
+        if said is None:
+            return None
+        self.sent += 1
+        return self.frame(said)
+
+    def frame(self, said: Says) -> HandFrame | None:
+        return HandFrame(self._begun + said.time, (TrackedHand(hand_at((0.01, -0.02, 0.2)), 1),), said.number)
+
+
+class ByService(Foreign):
+    """The same frames from a Leap service by WebSocket; time stands still while one is on its way."""
+
+    def __init__(self, hands: HandSource, messages: SimpleQueue[str], *rest: Any) -> None:
+        super().__init__(*rest)
+        self._hands, self._messages = hands, messages
+
+    def frame(self, said: Says) -> HandFrame | None:
+        self._messages.put(json.dumps(leap_frame(said.number, round((said.time - said.began) * 1e6))))
+        return self._hands.next_frame(PATIENCE)
+
+
+@contextmanager
+def tracker_of(kind: str, clock: Clock, says: Callable[[int], Says | None], seconds: float) -> Iterator[Foreign]:
+    messages: SimpleQueue[str] = SimpleQueue()
+
+    def script(connection: ServerConnection) -> None:
+        while message := messages.get():
+            connection.send(message)
+
+    if kind == "theirs":
+        yield Foreign(clock, says, seconds)
+        return
+    with LeapService(script) as service, open_hands(service.url) as hands:
+        yield ByService(hands, messages, clock, says, seconds)
+        messages.put("")
+
+
+@pytest.mark.parametrize("kind", ["theirs", "leap"])
+@pytest.mark.parametrize("does", TRACKERS)
+def test_only_what_a_tracker_sees_anew_is_played(does: str, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tracker that hangs may go on sending; the outputs are silent 50 ms after its last news, and stay so.
+
+    The emulated device's time passes as the tracker's does, by a clock of the test instead of the wall's.
+    """
+    clock, heard, seconds = Clock(), [], 1.6
+    monkeypatch.setattr(loop_module, "time", clock)
+    monkeypatch.setattr(leap, "time", clock)
+    with (
+        Emulator() as emulator,
+        open_device(emulator.url) as device,
+        tracker_of(kind, clock, TRACKERS[does], seconds) as tracker,
+    ):
+        loop = loop_of(device, tracker, on_moment=lambda moment: heard.append(moment.time))
+        loop.warm_up()
+        report = loop.run()
+        begin = round(heard[0] * 40_000)
+        sounds = loudness_of(emulator, begin, window=MS) > 0  # in each ms
+    hung, again = round(1000 * HANG * STEP), round(1000 * BACK * STEP)
+    assert sounds[30:hung].all()
+    assert report.seconds == pytest.approx(clock.now - 1000, abs=0.03)
+    assert report.stages["wait"].worst_seconds < 0.02
+    assert report.frames + report.stale == tracker.sent
+    if does == "is well":
+        assert sounds[30:1600].all()
+        assert (report.stalls, report.stale) == (0, 0)
+        return
+    assert report.stalls == 1
+    assert not sounds[hung + round(1000 * SILENCE_SECONDS) : again].any()
+    if does == "restarts":
+        assert sounds[again + 1000 : 1600].all()
+        assert 0 < report.stale <= 2 * round(STEADY_SECONDS / STEP) + 2
+    else:
+        assert not sounds[again:].any()
+        assert report.stale == tracker.sent - HANG - 1
 
 
 def test_frames_that_are_missing_are_counted() -> None:
