@@ -82,16 +82,16 @@ class ServiceClock:
     """Tells by this computer's clock when the service saw a frame, of which it says the microsecond by its own.
 
     The frame that took the shortest way sets the offset between the clocks, as if it had taken no time at all: what
-    all frames need at least, in the camera and the service, cannot be seen from here. A stamp that does not fit the
-    offset is one of a clock that was set anew, or does not run: the offset is set anew once such stamps have kept pace
-    with their arrivals for `STEADY_SECONDS`, and time stands still until then.
+    all frames need at least, in the camera and the service, cannot be seen from here. A stamp that runs on, but late, is
+    that of an old frame. One that jumps back or ahead is of a clock that was set anew, or is sick: the offset is set
+    anew once such stamps have kept pace with their arrivals for `STEADY_SECONDS`, and time stands still until then.
     """
 
     DRIFT = 2e-4
     """By which the clocks may drift apart, in seconds for each second."""
     LONGEST_WAY = 1.0
-    """In seconds; a frame that seems to have been longer on its way does not fit. One that seems to be ahead by
-    `MOST_AGE_SECONDS` does not fit either."""
+    """In seconds; a frame that seems to have been longer on its way tells nothing of the offset. One that seems to be
+    ahead by `MOST_AGE_SECONDS` does not fit."""
     PACE = 0.05
     """Seconds by which the ways of frames may differ while they keep pace."""
 
@@ -111,19 +111,22 @@ class ServiceClock:
         """
         seconds = stamp * 1e-6
         on_way = arrival - seconds
-        fits = -MOST_AGE_SECONDS < on_way - self._offset < self.LONGEST_WAY
-        if fits:
+        if -MOST_AGE_SECONDS < on_way - self._offset < self.LONGEST_WAY:
             self._trial = math.inf
             if seconds <= self._seconds:
                 return self._last
             self._offset = min(on_way, self._offset + self.DRIFT * (arrival - self._arrival))
-        elif self._offset == math.inf or self._keeps_pace(on_way, arrival):
+        elif self._offset == math.inf or (self._jumped(seconds, on_way) and self._keeps_pace(on_way, arrival)):
             self._offset = on_way
-        else:
+        elif self._jumped(seconds, on_way):
             return self._last
         self._arrival, self._seconds = arrival, seconds
         self._last = max(seconds + self._offset, self._last)
         return self._last
+
+    def _jumped(self, seconds: float, on_way: float) -> bool:
+        """Whether a stamp that does not fit is not just late by the known offset."""
+        return seconds <= self._seconds or on_way < self._offset
 
     def _keeps_pace(self, on_way: float, arrival: float) -> bool:
         """Whether stamps that do not fit have kept pace with their arrivals for long enough."""

@@ -355,6 +355,7 @@ HUNG: dict[str, Callable[[int], float]] = {
     "stands still": lambda _: 1e6,
     "creeps": lambda count: 1e6 + count,
     "is slow": lambda count: 1e6 + 5e3 * count,
+    "is late from some time on": lambda count: 1e6 + 1e4 * (min(count, 50) if count < 250 else count - 200),
     "jumps back and forth": lambda count: 1e6 - 7e5 * (count % 3),
     "jumps far": lambda count: 1e6 - 1e7 * (count % 3),
     "goes in circles": lambda count: 1e6 + 1e4 * (count % 20),
