@@ -170,3 +170,78 @@ def suspend_spares_what_is_enabled_by(patch: Patch, line: str) -> None:
     def suspend(original: Any, self: Any) -> None:
         if not came_by(vars(self).get("enabled_by"), line):
             original(self)
+
+
+# Hosts that hang up, and blocks that wait
+
+
+@mutant("SER-010")
+def a_hang_up_disables_what_its_line_enabled(patch: Patch) -> None:
+    """A hang-up acts as DISABLE if that line has enabled the outputs: its host has gone."""
+
+    @patch.around(Requests, "_enable")
+    def enable(original: Any, self: Any, door: Any) -> None:
+        original(self, door)
+        vars(self._machine)["enabled_by"] = door
+
+    @patch.around(SerialLine, "hang_up")
+    def hang_up(original: Any, self: Any) -> None:
+        original(self)
+        machine = self._controller._machine
+        self._controller.settle()
+        if vars(machine).get("enabled_by") is self:
+            machine.happen(StateEvent.DISABLE, self._controller._dispatch.now)
+
+
+@mutant("SER-010", "NUM-004", wraps=(SerialLine, "hang_up"))
+def a_hang_up_begins_the_numbering_anew(original: Any, self: Any) -> None:
+    """After a hang-up any number is accepted: another host has come."""
+    original(self)
+    self._controller._device.last_sequence = None
+
+
+@mutant("SER-011", "SER-016", wraps=(SerialLine, "_admit"))
+def lines_share_the_place_for_a_block_that_waits(original: Any, self: Any, block: bytes) -> None:
+    """A block by one line is dropped while one by another line waits: there is one place for all lines."""
+    if any(line._waiting for line in self._controller._machine._doors if isinstance(line, SerialLine)):
+        self._controller.drop_frames(1)
+    else:
+        original(self, block)
+
+
+@mutant("SER-011", "USB-003")
+def a_bus_reset_drops_the_block_that_waits_on_the_uart(patch: Patch) -> None:
+    """A bus reset empties the UART's place for a block that waits along with the queue: it is never answered."""
+
+    @patch.around(StateMachine, "new_session")
+    def new_session(original: Any, self: Any, door: Any) -> None:
+        for line in self._doors:
+            if came_by(line, "the-uart"):
+                line._waiting = None
+        original(self, door)
+
+    @patch.around(SerialLine, "_try_again")
+    def again(original: Any, self: Any, waiting: Any) -> None:
+        if self._waiting is waiting:
+            original(self, waiting)
+
+
+@mutant("REQ-003", "SER-006")
+def dropped_frames_are_those_of_the_line_that_asks(patch: Patch) -> None:
+    """Each line counts its own dropped frames, and tells only those; USB tells them all."""
+
+    @patch.around(SerialLine, "receive")
+    def receive(original: Any, self: Any, data: bytes) -> None:
+        before = self._controller._device.dropped_frames
+        original(self, data)
+        vars(self)["own"] = vars(self).get("own", 0) + self._controller._device.dropped_frames - before
+
+    @patch.around(Requests, "request")
+    def request(original: Any, self: Any, setup: Any, data: bytes, door: Any) -> Any:
+        total = self._device.dropped_frames
+        if isinstance(door, SerialLine):
+            self._device.dropped_frames = vars(door).get("own", 0)
+        try:
+            return original(self, setup, data, door)
+        finally:
+            self._device.dropped_frames = total

@@ -6,10 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 from ..emulator.boards.processor import Processor
+from ..emulator.control.admission import Admission
+from ..emulator.control.controller import Controller
 from ..emulator.control.dispatch import Dispatch
 from ..emulator.ports.history import SILENT
+from ..errors import BlockError
 from ..hil.conformance.sight.waveforms import modulated
-from ..protocol.blocks import pack_pulses, unpack_pulses
+from ..protocol.blocks import Entries, pack_pulses, unpack_pulses
 from ..protocol.board import PROCESSORS
 from ..protocol.codes import Memory
 from .patching import Patch, mutant
@@ -97,3 +100,38 @@ def samples_under_both_begin_the_modulation_anew(self: Any, first: int, data: by
     if start < self._period:
         self.history._overlays.append((self._period + 1, overlay))
     return first, data
+
+
+# What is in use
+
+
+@mutant("BLK-008", "BLK-022", wraps=(Admission, "_judge_stores"))
+def refused_entries_reach_the_controllers_table(original: Any, self: Any, body: Any) -> None:
+    """ENTRIES that are refused with IN_USE stay in the controller's own table, by which it computes durations."""
+    try:
+        original(self, body)
+    except BlockError:
+        if isinstance(body, Entries):
+            self._dispatch.stores.keep(body)
+        raise
+
+
+@mutant("BLK-022", "CON-008", wraps=(Controller, "test_transducer"))
+def a_test_leaves_the_slots_of_what_it_ended_in_use(original: Any, self: Any, transducer: int, door: Any) -> None:
+    """The console's test ends a sequence, and its slots stay in use until DISABLE."""
+    vars(self._dispatch.stores)["end"] = lambda *_, **__: None
+    try:
+        original(self, transducer, door)
+    finally:
+        del vars(self._dispatch.stores)["end"]
+
+
+@mutant("BLK-022", wraps=(Dispatch, "plan"))
+def places_are_free_from_the_period_that_was_named(
+    original: Any, self: Any, requested: int, *rest: Any, **ends: Any
+) -> Any:
+    """What a change for as soon as possible ends is free at once, and not when the change takes effect."""
+    change = original(self, requested, *rest, **ends)
+    sorts = {sort: ends.get(sort, False) for sort in ("sequences", "modulations")}
+    self.stores.end(min(max(requested, self.period), change.period), **sorts)
+    return change

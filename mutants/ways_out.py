@@ -17,8 +17,9 @@ from ..emulator.interfaces.usb_device import UsbDevice
 from ..emulator.interfaces.usb_functions import ArrayFunction, UsbFunction
 from ..errors import BlockError
 from ..protocol.blocks import PlaySequence
-from ..protocol.board import CHANNELS
+from ..protocol.board import CHANNELS, CYCLES_PER_MS
 from ..protocol.codes import Reason, State
+from ..protocol.replies import ENABLED
 from ..protocol.states import StateEvent
 from .patching import Patch, mutant
 from .seams import one_by_one
@@ -241,3 +242,32 @@ def watchdog_does_not_start_after_an_unattended_sequence_after(patch: Patch, way
         original(self, event, at, *rest, **more)
         if was is State.UNATTENDED and self._device.state is not was and came_by(self, way):
             self.watchdog.rest()
+
+
+@mutant("SAF-004", "STA-003", each={"bus-reset": "a bus reset", "fault": "a fault", "suspend": "suspend"})
+def modulation_outlives(patch: Patch, event: str) -> None:
+    """After {} and ENABLE what plays is modulated as before: the silence of that event stops no modulation."""
+
+    @patch.around(StateMachine, "happen")
+    def happen(original: Any, self: Any, what: StateEvent, *rest: Any, **more: Any) -> None:
+        if what is StateEvent[event.upper().replace("-", "_")]:
+            silence = self._dispatch.send_silence
+            vars(self._dispatch)["send_silence"] = lambda _stops: silence(())
+        try:
+            original(self, what, *rest, **more)
+        finally:
+            vars(self._dispatch).pop("send_silence", None)
+
+
+@mutant("SAF-003", "STA-003", wraps=(StateMachine, "happen"))
+def enable_goes_on_with_the_watchdogs_rest(
+    original: Any, self: Any, event: StateEvent, *rest: Any, **more: Any
+) -> None:
+    """After DISABLE and ENABLE the watchdog has the time left that it had: its timer is stopped, and goes on."""
+    was, now, due = self._device.state, self._dispatch.now, self.watchdog._due
+    original(self, event, *rest, **more)
+    full = self.watchdog.milliseconds * CYCLES_PER_MS
+    if was in ENABLED and self._device.state is State.OFF:
+        vars(self)["left"] = due - now
+    elif event is StateEvent.ENABLE and 0 < (left := vars(self).pop("left", 0)) < full:
+        self.watchdog.watch(now - (full - left))

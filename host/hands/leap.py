@@ -82,8 +82,8 @@ class ServiceClock:
     """Tells by this computer's clock when the service saw a frame, of which it says the microsecond by its own.
 
     The frame that took the shortest way sets the offset between the clocks, as if it had taken no time at all: what
-    all frames need at least, in the camera and the service, cannot be seen from here. A stamp that runs on, but late, is
-    that of an old frame. One that jumps back or ahead is of a clock that was set anew, or is sick: the offset is set
+    all frames need at least, in the camera and the service, cannot be seen from here. A stamp that runs on, but late,
+    is that of an old frame. One that jumps back or ahead is of a clock that was set anew, or is sick: the offset is set
     anew once such stamps have kept pace with their arrivals for `STEADY_SECONDS`, and time stands still until then.
     """
 

@@ -14,6 +14,7 @@ from phasewire.hil.conformance.sight.waveforms import Words
 from phasewire.hil.conformance.tools.doors import TEST, DoorRow, Host, at_the_door
 from phasewire.hil.conformance.tools.exchange import (
     acks,
+    ask,
     await_ack,
     damage,
     fill,
@@ -26,7 +27,7 @@ from phasewire.hil.conformance.tools.exchange import (
 )
 from phasewire.hil.conformance.tools.frames import frame
 from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, soon
-from phasewire.hil.conformance.tools.playing import check_falls_silent, judge_silence_since, play, reach
+from phasewire.hil.conformance.tools.playing import check_falls_silent, judge_silence_since, reach
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
@@ -105,21 +106,83 @@ def test_a_block_that_waits_outlives_its_session(bench: Bench, frames: RawSerial
     check_judged(bench, frames, before)
 
 
-@case("SER-010", since=2)
-def test_the_end_of_a_connection_concerns_its_line_alone(bench: Bench, frames: RawSerialLine) -> None:
-    """When a host closes its connection, what plays goes on, and the next connection begins with the console."""
-    if not frames.wire.is_connection:
+@case("SER-010", "NUM-002")
+@pytest.mark.parametrize("how", ["hang-up", "connection"])
+def test_a_hang_up_concerns_its_line_alone(bench: Bench, frames: RawSerialLine, how: str) -> None:
+    """When a host hangs up that has enabled the outputs and plays, all goes on, the numbering too.
+
+    A hang-up is a break or DTR low, or the end of a connection.
+    """
+    if how == "connection" and not frames.wire.is_connection:
         raise Inconclusive("this line has no connection to close; one by socket: has")
-    enable(bench)
-    play(bench)
+    order(frames, Request.WATCHDOG, LONG_MS)
+    order(frames, Request.ENABLE)
+    bench.wait_until(send(frames, pack(bench.numbered(Update(SILENT)))).commit_period + 1)
+    block = no_op(bench)
+    send(frames, block)
     before = bench.status()
-    frames.wire.reopen(RETURN_SECONDS)
-    frames.assume_console()
-    frames.write(b"info\r")
-    if not frames.answer():
-        raise Inconclusive("the line still carries frames: perhaps a gateway to a UART does not pass the end on")
+    if how == "hang-up":
+        frames.hang_up()
+    else:
+        frames.wire.reopen(RETURN_SECONDS)
+        frames.assume_console()
+        frames.write(b"info\r")
+        if not frames.answer():
+            raise Inconclusive("the line still carries frames: perhaps a gateway to a UART does not pass the end on")
     frames.enter_frames()
     same_but(before, bench.status())
+    expect("the reason of the same block", send(frames, block).reason, Reason.SEQUENCE)
+
+
+# Two serial lines
+
+
+@pytest.fixture
+def both_lines(bench: Bench) -> Iterator[tuple[RawSerialLine, RawSerialLine]]:
+    """The console's endpoints and the UART, both in frames; inconclusive if this run lacks one."""
+    with bench.door("cdc") as cdc, bench.door("uart") as uart:
+        assert isinstance(cdc, RawSerialLine)
+        assert isinstance(uart, RawSerialLine)
+        yield cdc, uart
+
+
+@case("SER-011/1", "SER-016", features=Feature.CONSOLE)
+def test_each_line_has_a_place_for_a_block_that_waits(
+    bench: Bench, both_lines: tuple[RawSerialLine, RawSerialLine]
+) -> None:
+    """While a block waits on one line, one waits on the other too; both are judged when there is room."""
+    fill(bench, both_lines[0], QUEUED_SECONDS)
+    blocks = [no_op(bench) for _ in both_lines]
+    for line, block in zip(both_lines, blocks, strict=True):
+        line.rest()
+        line.forget()
+        put_to_wait(bench, line, block)
+    bench.order(Request.DISABLE)
+    for line, block in zip(both_lines, blocks, strict=True):
+        await_ack(line, block)
+
+
+@case("SER-006", "REQ-003", "SER-016", features=Feature.CONSOLE)
+def test_dropped_frames_are_counted_over_all_lines(
+    bench: Bench, both_lines: tuple[RawSerialLine, RawSerialLine]
+) -> None:
+    """A frame that is dropped on one line is in the count that each line tells."""
+    for line in both_lines:
+        damage(bench, line, frame(FrameKind.BLOCK, b""))
+        told = [Status.decode(ask(other, Request.STATUS)).dropped_frames for other in both_lines]
+        expect("the counts of dropped frames", told, [bench.status().dropped_frames] * 2)
+
+
+@case("SER-011/1", "USB-026", "SER-016", line="usb")
+def test_a_block_that_waits_on_a_uart_outlives_a_session_of_usb(bench: Bench) -> None:
+    """SET_CONFIGURATION empties the queue: a block that waits on the UART is judged then, and answered."""
+    with bench.door("uart") as uart:
+        assert isinstance(uart, RawSerialLine)
+        fill(bench, uart, QUEUED_SECONDS)
+        block = no_op(bench)
+        put_to_wait(bench, uart, block)
+        bench.usb.set_configuration()
+        expect("the reason of the block", await_ack(uart, block).reason, Reason.ACCEPTED)
 
 
 def check_judged(bench: Bench, line: RawSerialLine, before: Status) -> None:

@@ -62,6 +62,8 @@ from phasewire.protocol.codes import (
 )
 from phasewire.protocol.requests import Setup
 
+ALWAYS = 10_000
+"""Reports of 100 s, longer than any line needs for the case."""
 MANY = 1_000_000
 
 IN, OUT = 0xC1, 0x41
@@ -806,7 +808,7 @@ def test_the_warmest_board_is_in_the_status(bench: Bench) -> None:
 def test_of_a_processor_that_never_answers_only_the_identity_is_known(bench: Bench) -> None:
     """A processor that was numbered, and whose reports are all damaged, is reported with bank and firmware alone."""
     place, well = 4, bench.ask(Request.PROCESSORS)
-    bench.levers.cause(FlippedBit(message="report", processor=place, token=12, times=MANY))
+    bench.levers.cause(FlippedBit(message="report", processor=place, token=12, times=ALWAYS))
     bench.restart(lambda: bench.order(Request.RESET))
     bench.outlast(0.06)
     identity = bytes(3) + well[3:4] + bytes(8) + well[12:15] + bytes(1)

@@ -9,6 +9,7 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
+from phasewire.hil.conformance.tools.exchange import at_the_console
 from phasewire.hil.conformance.tools.player import Player, is_fast
 from phasewire.hil.conformance.tools.steps import (
     SILENT,
@@ -276,19 +277,31 @@ ENDS: dict[str, Callable[[int], Body]] = {
         *(("samples", end) for end in ("modulation", "end-modulation", "silence", "disable")),
     ],
 )
-def test_a_store_is_free_when_the_end_has_taken_effect(bench: Bench, what: str, end: str) -> None:
-    """A store is refused with IN_USE until the change that ends what plays has taken effect, and then accepted."""
+@pytest.mark.parametrize("named", [True, False], ids=["named", "as-soon-as-possible"])
+def test_a_store_is_free_when_the_end_has_taken_effect(bench: Bench, what: str, end: str, named: bool) -> None:
+    """A store is refused with IN_USE until the change that ends what plays has taken effect, and then accepted.
+
+    A change for as soon as possible waits for what is queued.
+    """
     store_all(bench)
     play_slots(bench)
     play_samples(bench)
-    ends = bench.must(ENDS[end](later(bench))).commit_period
+    period = later(bench)
+    if not named:
+        bench.must(Update(SILENT, period) if what == "samples" else Output(Action.END_MODULATION, period))
+    ends = bench.must(ENDS[end](period if named else 0)).commit_period
     free_from(bench, TAKEN[what][0], ends)
 
 
 @case("BLK-022", "BLK-015", features=Feature.SEQUENCES)
 def test_a_store_is_free_when_the_last_repeat_has_played(bench: Bench) -> None:
-    """The data of a sequence with repeats are IN_USE until its last repeat is over, and free afterwards."""
+    """The data of a sequence with repeats are IN_USE until its last repeat is over, and free afterwards.
+
+    Entries that were refused before change nothing about how long it plays.
+    """
     store_all(bench)
+    play_slots(bench)
+    refuse(bench, [Wrong("entries", forge(bench, TAKEN["entries"][1]), Reason.IN_USE)])
     repeats = 40 * bench.slowness if bench.line.kind == "usb" else 200
     began = bench.must(PlaySequence(FIRST_ENTRY, PLAYED_ENTRIES, repeats=repeats)).commit_period
     free_from(bench, TAKEN["entries"][1], began + 90 * repeats)
@@ -321,6 +334,23 @@ def test_disable_frees_what_played(bench: Bench, what: str, when: str) -> None:
     expect("the state", bench.status().state, State.OFF)
     for body in TAKEN[what]:
         bench.must(body)
+
+
+@case("BLK-022", "CON-008", features=FEATURES | Feature.CONSOLE)
+def test_a_test_frees_what_played(bench: Bench) -> None:
+    """`test` of the console ends a sequence, whose data are free then; those of a modulation are not."""
+    store_all(bench)
+    began = play_slots(bench)
+    play_samples(bench)
+    with at_the_console(bench) as line:
+        expect("the answer to test", line.command("test 17"), "ok\r\n")
+    for _ in range(100):
+        if bench.status().since_period > began:
+            break
+        bench.wait_periods(10)
+    for body in (*TAKEN["slots"], *TAKEN["entries"]):
+        bench.must(body)
+    refuse(bench, [Wrong("a sample", forge(bench, body), Reason.IN_USE) for body in TAKEN["samples"]])
 
 
 # What is stored while something plays

@@ -12,7 +12,7 @@ from phasewire.emulator.faults import HotBoard
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Case, Need, Risk, Row, case, expect
-from phasewire.hil.conformance.sight.waveforms import check_silent
+from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words, modulated
 from phasewire.hil.conformance.tools.dfu import RawDfuLine
 from phasewire.hil.conformance.tools.exchange import at_the_console
 from phasewire.hil.conformance.tools.playing import (
@@ -42,7 +42,19 @@ from phasewire.hil.conformance.tools.watchdog import (
     patience,
 )
 from phasewire.host.lines.usb_find import DFU_MODE
-from phasewire.protocol.blocks import Body, Entries, Entry, NoOp, Output, PlaySequence, Slot, Update, pack
+from phasewire.protocol.blocks import (
+    AmplitudeModulation,
+    Body,
+    Entries,
+    Entry,
+    NoOp,
+    Output,
+    PlaySequence,
+    Samples,
+    Slot,
+    Update,
+    pack,
+)
 from phasewire.protocol.board import TICKS_PER_PERIOD
 from phasewire.protocol.codes import (
     BLOCK_BYTES,
@@ -69,6 +81,7 @@ REACHED = (OFF, READY, PLAYING, UNATTENDED)
 HELD = 2
 """The drive limit that is set before a way out, in transducers."""
 SHORT_MS = 10
+SAMPLE = 128
 HOT_C, HOT_PERIODS = 90, 20_000
 """A fault that must end, but be seen before on any line."""
 
@@ -257,10 +270,14 @@ def share(bench: Bench) -> float:
     return HELD / bench.drive_limit
 
 
-def leave(bench: Bench, way: WayOut) -> Status:
-    """Lower the limit, reach a state and take the way out of it; returns the status, which must be that of OFF."""
+def leave(bench: Bench, way: WayOut, also: Callable[[Bench], object] = lambda _: None) -> Status:
+    """Lower the limit, reach a state and take the way out of it; returns the status, which must be that of OFF.
+
+    In that state something more may be begun.
+    """
     set_limit(bench, HELD)
     reach(bench, way.state, share(bench))
+    also(bench)
     flags = bench.status().flags & StatusFlag.WATCHDOG_FIRED  # which stays until ENABLE
     for step in way.steps:
         bench.note("step", step.name)
@@ -282,10 +299,17 @@ def leave(bench: Bench, way: WayOut) -> Status:
     return status
 
 
-def come_back(bench: Bench, way: WayOut) -> None:
-    """Take the way out, and enable the outputs again."""
-    leave(bench, way)
+def come_back(bench: Bench, way: WayOut, also: Callable[[Bench], object] = lambda _: None) -> None:
+    """Take the way out, and enable the outputs again; see `leave`."""
+    leave(bench, way, also)
     enable(bench)
+
+
+def modulate(bench: Bench) -> int:
+    """Modulate what plays; returns the period from which on."""
+    began = bench.must(AmplitudeModulation(0, 1, 1)).commit_period
+    bench.wait_until(began + 1)
+    return began
 
 
 def check_limit(bench: Bench, limit: int) -> None:
@@ -386,6 +410,20 @@ def test_disable_silences_after(bench: Bench, way: WayOut) -> None:
     expect("the state", bench.status().state, OFF)
     end = after // TICKS_PER_PERIOD + 100
     bench.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, before, after))
+
+
+@pytest.mark.parametrize("way", WHILE_PLAYING, ids=str)
+@case("SAF-004", "STA-003", outputs=("SAF-004", "BLK-017"), features=Feature.MODULATION)
+def test_no_modulation_is_left_after(bench: Bench, way: WayOut) -> None:
+    """After this way out of a modulated update the next one plays unmodulated; but for a restart samples are kept."""
+    bench.must(Samples(bytes([SAMPLE])))
+    come_back(bench, way, modulate)
+    field = play(bench, bench.weak(share(bench)))
+    if way.restarts:
+        bench.must(Samples(bytes([SAMPLE])))
+    began = modulate(bench)
+    dimmed = expected_words(modulated(field.pulses, SAMPLE), bench.wiring)
+    bench.judge(field.period, began + 20, lambda seen: check_play(seen, [(field.period, field.words), (began, dimmed)]))
 
 
 @pytest.mark.parametrize("way", WHILE_PLAYING, ids=str)
