@@ -245,3 +245,26 @@ def dropped_frames_are_those_of_the_line_that_asks(patch: Patch) -> None:
             return original(self, setup, data, door)
         finally:
             self._device.dropped_frames = total
+
+
+@mutant("SER-010", "SAF-003", wraps=(SerialLine, "hang_up"))
+def a_hang_up_stops_the_watchdog(original: Any, self: Any) -> None:
+    """A hang-up stops the watchdog: there is no host any more whom it could wait for."""
+    original(self)
+    self._controller.settle()
+    self._controller._machine.watchdog.rest()
+
+
+@mutant("SER-010", "SAF-003", wraps=(SerialLine, "hang_up"))
+def a_hang_up_is_a_sign_of_life(original: Any, self: Any) -> None:
+    """A hang-up feeds the watchdog, as everything that the line says."""
+    original(self)
+    self._controller._machine.watchdog.feed()
+
+
+@mutant("SER-010", "SER-016", wraps=(SerialLine, "hang_up"))
+def a_hang_up_concerns_all_lines(original: Any, self: Any) -> None:
+    """A hang-up of one line returns all lines to the console."""
+    for line in self._controller._machine._doors:
+        if isinstance(line, SerialLine):
+            original(line)

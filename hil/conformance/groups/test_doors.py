@@ -38,7 +38,7 @@ from phasewire.hil.conformance.tools.steps import (
     set_limit,
     suspended,
 )
-from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_fired, check_not_yet
+from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_fired, check_not_yet, patience
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -134,6 +134,21 @@ def test_a_hang_up_concerns_its_line_alone(bench: Bench, frames: RawSerialLine, 
     expect("the reason of the same block", send(frames, block).reason, Reason.SEQUENCE)
 
 
+@case("SER-010", "SAF-003")
+def test_the_watchdog_silences_what_a_host_that_hung_up_has_left(bench: Bench, frames: RawSerialLine) -> None:
+    """A hang-up neither stops the watchdog nor feeds it: it fires one watchdog time after the last sign of life."""
+    ms = max(patience(bench), patience(bench, frames))
+    order(frames, Request.WATCHDOG, LONG_MS)
+    order(frames, Request.ENABLE)
+    last = send(frames, pack(bench.numbered(Update(SILENT)))).now
+    order(frames, Request.WATCHDOG, ms)
+    bench.wait(ms / 3000)
+    frames.hang_up()
+    frames.enter_frames()
+    check_not_yet(bench, last + ms * TICKS_PER_MS)
+    until_fired(bench, last, last, ms)
+
+
 # Two serial lines
 
 
@@ -173,16 +188,38 @@ def test_dropped_frames_are_counted_over_all_lines(
         expect("the counts of dropped frames", told, [bench.status().dropped_frames] * 2)
 
 
-@case("SER-011/1", "USB-026", "SER-016", line="usb")
-def test_a_block_that_waits_on_a_uart_outlives_a_session_of_usb(bench: Bench) -> None:
-    """SET_CONFIGURATION empties the queue: a block that waits on the UART is judged then, and answered."""
-    with bench.door("uart") as uart:
-        assert isinstance(uart, RawSerialLine)
-        fill(bench, uart, QUEUED_SECONDS)
+@case("SER-010", "SER-016", features=Feature.CONSOLE)
+def test_a_hang_up_leaves_the_other_line_in_frames(
+    bench: Bench, both_lines: tuple[RawSerialLine, RawSerialLine]
+) -> None:
+    """When the host of one line hangs up, the other line goes on with frames."""
+    for line, other in (both_lines, both_lines[::-1]):
+        line.hang_up()
+        send(other, no_op(bench))
+        line.enter_frames()
+
+
+@pytest.mark.parametrize(
+    ("name", "begin_session"),
+    [
+        ("uart", lambda bench: bench.usb.set_configuration()),
+        ("uart", lambda bench: bench.usb.set_interface(0)),
+        ("cdc", lambda bench: bench.usb.set_interface(0)),
+    ],
+    ids=["uart-configuration", "uart-interface", "cdc-interface"],
+)
+@case("SER-011/1", "USB-026", "SER-016", line="usb", features=Feature.CONSOLE)
+def test_a_session_of_usb_leaves_a_line_in_frames(
+    bench: Bench, name: str, begin_session: Callable[[Bench], object]
+) -> None:
+    """A new session that does not concern a line empties the queue: a block that waits there is judged and answered."""
+    with bench.door(name) as line:
+        assert isinstance(line, RawSerialLine)
+        fill(bench, line, QUEUED_SECONDS)
         block = no_op(bench)
-        put_to_wait(bench, uart, block)
-        bench.usb.set_configuration()
-        expect("the reason of the block", await_ack(uart, block).reason, Reason.ACCEPTED)
+        put_to_wait(bench, line, block)
+        begin_session(bench)
+        expect("the reason of the block", await_ack(line, block).reason, Reason.ACCEPTED)
 
 
 def check_judged(bench: Bench, line: RawSerialLine, before: Status) -> None:
