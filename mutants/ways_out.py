@@ -10,15 +10,17 @@ from ..emulator import machine
 from ..emulator.control.admission import Admission
 from ..emulator.control.controller import Controller
 from ..emulator.control.execution import Execution
+from ..emulator.control.known_faults import KnownFaults
 from ..emulator.control.requests import Requests
 from ..emulator.control.state_machine import StateMachine
+from ..emulator.control.stores import Stores
 from ..emulator.interfaces.console import Console
 from ..emulator.interfaces.usb_device import UsbDevice
 from ..emulator.interfaces.usb_functions import ArrayFunction, UsbFunction
 from ..errors import BlockError
 from ..protocol.blocks import PlaySequence
 from ..protocol.board import CHANNELS, CYCLES_PER_MS
-from ..protocol.codes import Reason, State
+from ..protocol.codes import SILENCING_FAULTS, Reason, State
 from ..protocol.replies import ENABLED
 from ..protocol.states import StateEvent
 from .patching import Patch, mutant
@@ -271,3 +273,74 @@ def enable_goes_on_with_the_watchdogs_rest(
         vars(self)["left"] = due - now
     elif event is StateEvent.ENABLE and 0 < (left := vars(self).pop("left", 0)) < full:
         self.watchdog.watch(now - (full - left))
+
+
+# A bus that is suspended, two faults, and what was judged before
+
+
+@mutant("STA-004", "USB-020", wraps=(StateMachine, "happen"))
+def permission_outlives_an_update_over_an_unattended_sequence(
+    original: Any, self: Any, event: StateEvent, *rest: Any, **more: Any
+) -> None:
+    """An update that ends an unattended sequence leaves its permission: a suspended bus is ignored until OFF."""
+    was = self._device.state
+    if event is StateEvent.SUSPEND and was is State.PLAYING and vars(self).get("permitted"):
+        return
+    original(self, event, *rest, **more)
+    vars(self)["permitted"] = State.UNATTENDED in (was, self._device.state) or (
+        vars(self).get("permitted", False) and self._device.state in ENABLED
+    )
+
+
+@mutant("STA-004", "USB-020", each={"clear": "CLEAR_FAULTS", "disable": "DISABLE"})
+def suspended_bus_is_forgotten_at(patch: Patch, event: str) -> None:
+    """After {} by a serial line while the bus is suspended the state is OFF, and ENABLE is accepted there."""
+
+    @patch.around(StateMachine, "happen")
+    def happen(original: Any, self: Any, what: StateEvent, *rest: Any, **more: Any) -> None:
+        if what is StateEvent[event.upper()]:
+            self._device.bus_suspended = False
+        original(self, what, *rest, **more)
+
+
+@mutant("REQ-011", "SAF-007", wraps=(KnownFaults, "clear"))
+def clearing_one_of_two_faults_leaves_the_state_fault(original: Any, self: Any) -> None:
+    """CLEAR_FAULTS that clears one silencing fault leads to OFF though another one lasts."""
+    before = self._device.faults
+    original(self)
+    if before & ~self._device.faults & SILENCING_FAULTS:
+        self._machine.happen(StateEvent.CLEAR, self._dispatch.now)
+
+
+@mutant("SAF-006", "REQ-010")
+def a_sequence_that_played_is_not_judged_anew(patch: Patch) -> None:
+    """A sequence that was accepted is not judged by a lower limit later: only stores take the verdict back."""
+
+    @patch.around(Stores, "check_power")
+    def check(original: Any, self: Any, body: Any, limit: int) -> None:
+        good = vars(self).setdefault("good", set())
+        if (body.first, body.count) not in good:
+            original(self, body, limit)
+            good.add((body.first, body.count))
+
+    @patch.around(Stores, "keep")
+    def keep(original: Any, self: Any, body: Any) -> None:
+        original(self, body)
+        vars(self)["good"] = set()
+
+
+@mutant("BLK-023", url="emulator:?link=2wire")
+def the_rate_is_forgotten_at_disable_alone(patch: Patch) -> None:
+    """The last period that an update named is forgotten with DISABLE instead of ENABLE: the watchdog leaves it."""
+
+    @patch.around(StateMachine, "happen")
+    def happen(original: Any, self: Any, event: StateEvent, *rest: Any, **more: Any) -> None:
+        if event is StateEvent.DISABLE:
+            self._device.last_named = None
+        original(self, event, *rest, **more)
+
+    @patch.around(Requests, "_enable")
+    def enable(original: Any, self: Any, door: Any) -> None:
+        named = self._device.last_named
+        original(self, door)
+        self._device.last_named = named

@@ -10,6 +10,7 @@ from phasewire.hil.conformance.cases import Inconclusive, NotApplicable, TooSlow
 from phasewire.hil.conformance.sight.waveforms import only
 from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, Player, check_in_time, is_fast, soon
 from phasewire.hil.conformance.tools.steps import (
+    LONG_MS,
     SILENT,
     Wrong,
     begin,
@@ -376,7 +377,7 @@ def name_anew(bench: Bench, period: int) -> None:
 
 
 @case("BLK-023", "SAF-002")
-@pytest.mark.parametrize("how", ["request", "block"])
+@pytest.mark.parametrize("how", ["request", "block", "watchdog"])
 def test_the_rate_counts_anew_after_enable(bench: Bench, how: str) -> None:
     """After the outputs were disabled and enabled no period counts as named: any period is accepted."""
     begin(bench)
@@ -385,6 +386,11 @@ def test_the_rate_counts_anew_after_enable(bench: Bench, how: str) -> None:
     if how == "request":
         bench.must(Update(SILENT, named))
         bench.disable()
+    elif how == "watchdog":
+        bench.must(Update(SILENT, named))
+        bench.order(Request.WATCHDOG, 10)
+        bench.await_unasked(1)
+        bench.order(Request.WATCHDOG, LONG_MS)
     else:
         named = soon(bench, 4)
         bench.must(Update(SILENT, named))

@@ -981,6 +981,30 @@ def test_faults_are_cleared_when_their_cause_is_gone(bench: Bench, fault: Fault)
         expect("whether ENABLE is accepted", bench.try_order(Request.ENABLE), cleared)
 
 
+SOON_PERIODS = 20_000
+"""A fault that is seen before it ends, on any line."""
+
+
+@case("REQ-011", "SAF-007", "STA-003", needs=(Need.FAULTS,))
+@pytest.mark.parametrize("lasts", [Fault.TEMPERATURE, Fault.SUPPLY], ids=["temperature", "supply"])
+def test_one_fault_that_lasts_keeps_the_state_fault(bench: Bench, lasts: Fault) -> None:
+    """Of two silencing faults CLEAR_FAULTS clears the one that is over; the other one keeps the state FAULT."""
+    bench.must(NoOp())
+    periods = {fault: None if fault is lasts else SOON_PERIODS for fault in (Fault.TEMPERATURE, Fault.SUPPLY)}
+    bench.levers.cause(HotBoard(board=1, celsius=90, periods=periods[Fault.TEMPERATURE]))
+    bench.levers.cause(WrongSupply(board=2, millivolts=19_000, periods=periods[Fault.SUPPLY]))
+    await_state(bench, State.FAULT)
+    bench.outlast(0.03)
+    expect("both faults", bench.status().faults, Fault.TEMPERATURE | Fault.SUPPLY)
+    bench.wait_periods(SOON_PERIODS)
+    bench.outlast(0.03)
+    bench.order(Request.CLEAR_FAULTS)
+    status = bench.status()
+    expect("state and faults", (status.state, status.faults), (State.FAULT, lasts))
+    assert not bench.try_order(Request.ENABLE), "ENABLE is not answered with STALL while a fault lasts"
+    expect("the reason for an update", bench.send(Update(SILENT)).reason, Reason.FAULT)
+
+
 @case("REQ-012", "REQ-001")
 def test_identify_knows_five_boards(bench: Bench) -> None:
     """IDENTIFY works for each board, repeatedly, and is answered with STALL for others; nothing else changes."""

@@ -892,13 +892,16 @@ def test_an_update_above_the_limit_is_refused(bench: Bench, limit: int) -> None:
 
 @case("SAF-006", "REQ-010", "BLK-008", features=Feature.SEQUENCES)
 def test_a_sequence_with_a_slot_above_a_lowered_limit_is_refused(bench: Bench) -> None:
-    """A slot that was stored under a higher limit does not play under a lower one, at any place in a sequence."""
+    """A slot that was stored, and played, under a higher limit does not play under a lower one, at any place."""
     set_limit(bench, 3)
     bench.must(Slot(0, pulses_of(bench, 2000, 25)))
     bench.must(Slot(1, pulses_of(bench, 2001, 24)))
     bench.must(Entries((Entry(0, 10), Entry(0, 5), Entry(1, 1))))
-    set_limit(bench, 2)
     enable(bench)
+    bench.must(PlaySequence(0, 3))
+    bench.disable()
+    set_limit(bench, 2)
+    bench.enable()
     for count, reason in ((3, Reason.DRIVE), (2, Reason.ACCEPTED), (3, Reason.DRIVE)):
         ack = bench.send(PlaySequence(0, count))
         expect(f"the reason for {count} entries", ack.reason, reason)

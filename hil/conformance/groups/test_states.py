@@ -11,6 +11,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.sight.waveforms import check_silent
+from phasewire.hil.conformance.tools.doors import Host
 from phasewire.hil.conformance.tools.player import check_in_time, soon
 from phasewire.hil.conformance.tools.playing import ROUND_SECONDS, expect_state, play, reach, told
 from phasewire.hil.conformance.tools.steps import (
@@ -228,11 +229,32 @@ BUS_RESETS: dict[str, Callable[[Bench], None]] = {
 # A bus that is suspended
 
 
+FROM_UNATTENDED: dict[State, Body | None] = {
+    OFF: Output(Action.DISABLE),
+    READY: Output(Action.SILENCE),
+    PLAYING: Update(SILENT),
+    UNATTENDED: None,
+}
+"""What leads from UNATTENDED to a state."""
+
+
 @pytest.mark.parametrize("state", REACHED, ids=name)
+@pytest.mark.parametrize("permitted", [False, True], ids=["at-first", "after-unattended"])
 @case("STA-002", "STA-003", "STA-004", "ACK-006", "SAF-005", line="usb", needs=(Need.SUSPEND,), allow=(Risk.RESET,))
-def test_a_suspended_bus_disables_what_needs_its_host(bench: Bench, state: State) -> None:
-    """While the bus is suspended only unattended sequences play; then ENABLE is needed again."""
-    reach(bench, state)
+def test_a_suspended_bus_disables_what_needs_its_host(bench: Bench, state: State, permitted: bool) -> None:
+    """While the bus is suspended only unattended sequences play; then ENABLE is needed again.
+
+    What played unattended before leaves no permission.
+    """
+    if permitted:
+        require(bench, Feature.SEQUENCES | Feature.UNATTENDED)
+        reach(bench, UNATTENDED)
+        if (body := FROM_UNATTENDED[state]) is not None:
+            bench.wait_until(bench.must(body).commit_period + 1)
+        told(bench)
+        expect_state(bench, state)
+    else:
+        reach(bench, state)
     fired = bench.status().watchdog_fired  # in an earlier case
     with suspended(bench):
         bench.wait(0.02)
@@ -244,6 +266,63 @@ def test_a_suspended_bus_disables_what_needs_its_host(bench: Bench, state: State
         expect_state(bench, LEADS_TO["RESUME"][LEADS_TO["SUSPEND"][state]])
         expect("the states of the unsolicited records, of which the newest waits", said, [OFF])
         expect("whether the watchdog has fired", bench.status().watchdog_fired, fired)
+
+
+def check_suspended(host: Host) -> None:
+    """Fail unless the device is suspended, which a serial line tells and ENABLE does not change."""
+    expect("the state on a suspended bus", host.status().state, SUSPENDED)
+    assert not host.order(Request.ENABLE), "ENABLE is not answered with STALL on a suspended bus"
+    assert host.order(Request.DISABLE), "DISABLE is answered with STALL on a suspended bus"
+    expect("the state after DISABLE", host.status().state, SUSPENDED)
+
+
+@pytest.mark.parametrize("state", [OFF, READY, PLAYING], ids=name)
+@case(
+    "STA-004",
+    "STA-005",
+    "USB-020",
+    "SER-016",
+    line="usb",
+    needs=(Need.SUSPEND,),
+    allow=(Risk.RESET,),
+    features=Feature.SEQUENCES | Feature.UNATTENDED,
+)
+def test_what_a_serial_line_ends_on_a_suspended_bus_leaves_it_suspended(bench: Bench, state: State) -> None:
+    """If a host at the UART ends what plays unattended while the bus is suspended, SUSPEND follows at once."""
+    with bench.door("uart") as line:
+        host = Host(bench, line, typed=False)
+        reach(bench, UNATTENDED)
+        with suspended(bench):
+            expect("the state before", host.status().state, UNATTENDED)
+            if state is OFF:
+                assert host.order(Request.DISABLE), "DISABLE is answered with STALL"
+            elif (body := FROM_UNATTENDED[state]) is not None:
+                expect("the reason", host.send(body), Reason.ACCEPTED)
+                bench.wait(0.01)
+            check_suspended(host)
+        expect_state(bench, OFF)
+
+
+@case(
+    "STA-004",
+    "REQ-011",
+    "USB-020",
+    "SER-016",
+    line="usb",
+    needs=(Need.SUSPEND, Need.FAULTS),
+    allow=(Risk.RESET,),
+)
+def test_a_fault_that_is_cleared_on_a_suspended_bus_leaves_the_device_suspended(bench: Bench) -> None:
+    """If a host at the UART clears a fault while the bus is suspended, SUSPEND follows at once."""
+    with bench.door("uart") as line:
+        host = Host(bench, line, typed=False)
+        heat(bench, HOT_PERIODS)
+        with suspended(bench):
+            bench.wait(HOT_PERIODS / CARRIER_HZ + 0.1)
+            expect("the state before", host.status().state, FAULT)
+            assert host.order(Request.CLEAR_FAULTS), "CLEAR_FAULTS is answered with STALL"
+            check_suspended(host)
+        expect_state(bench, OFF)
 
 
 @case(

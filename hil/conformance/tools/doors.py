@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from ....protocol.blocks import Body, Update, pack
 from ....protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Reason, Request
 from ....protocol.console import COMMANDS
-from ....protocol.replies import ANSWER_BYTES, Ack, records
+from ....protocol.replies import ANSWER_BYTES, Ack, Status, records
 from ....protocol.requests import VALUES, Setup
 from ..bench import Bench
 from ..cases import Row, expect
@@ -77,6 +77,11 @@ class Host:
         size = ANSWER_BYTES.get(request, 0)
         setup = Setup(REQUEST_TYPE_IN if size else REQUEST_TYPE_OUT, request, value, 0, size)
         return self._line.request(setup) is not None
+
+    def status(self) -> Status:
+        """Ask for STATUS, which must be answered."""
+        answer = self._line.request(Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0, Status.BYTES))
+        return Status.decode(answer or b"")
 
     def able(self, *bodies: Body) -> list[Body]:
         """Those that this door can ask for, on this device: a console the update of `test` alone."""
