@@ -15,7 +15,7 @@ from ..emulator.interfaces.usb_functions import ArrayFunction, ConsoleFunction
 from ..protocol.board import CHANNELS, CYCLES_PER_MS, WATCHDOG_MS
 from ..protocol.codes import BLOCK_BYTES, Reason
 from ..protocol.enumeration import CONSOLE_ENDPOINT_IN, CONSOLE_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT
-from ..protocol.requests import Setup
+from ..protocol.requests import ConsoleRequest, Setup
 from .patching import Patch, mutant
 
 FULL_SPEED = "emulator:?speed=full"
@@ -267,3 +267,14 @@ def unread_text_holds_back_commands(original: Any, self: Any, data: bytes) -> No
     """A command is dropped while an earlier answer was not read, even `stop`: the line is busy."""
     if not self.pending or self._among_frames:
         original(self, data)
+
+
+@mutant("USB-023", "SER-010", wraps=(ConsoleFunction, "request"))
+def rts_low_hangs_up(original: Any, self: Any, setup: Any, data: bytes) -> Any:
+    """SET_CONTROL_LINE_STATE without RTS hangs up, though DTR stays set: RTS is read for it."""
+    before = self._dtr
+    answer = original(self, setup, data)
+    if setup.request == ConsoleRequest.SET_CONTROL_LINE_STATE and before and self._dtr and not setup.value & 2:
+        self._hang_up()
+        self._line.open()
+    return answer

@@ -12,7 +12,7 @@ from ..emulator.control.dispatch import Dispatch
 from ..emulator.ports.history import SILENT
 from ..errors import BlockError
 from ..hil.conformance.sight.waveforms import modulated
-from ..protocol.blocks import Entries, pack_pulses, unpack_pulses
+from ..protocol.blocks import pack_pulses, unpack_pulses
 from ..protocol.board import PROCESSORS
 from ..protocol.codes import Memory
 from .patching import Patch, mutant
@@ -105,15 +105,18 @@ def samples_under_both_begin_the_modulation_anew(self: Any, first: int, data: by
 # What is in use
 
 
-@mutant("BLK-008", "BLK-022", wraps=(Admission, "_judge_stores"))
-def refused_entries_reach_the_controllers_table(original: Any, self: Any, body: Any) -> None:
-    """ENTRIES that are refused with IN_USE stay in the controller's own table, by which it computes durations."""
-    try:
-        original(self, body)
-    except BlockError:
-        if isinstance(body, Entries):
-            self._dispatch.stores.keep(body)
-        raise
+@mutant("BLK-008", "BLK-022", each={"entries": "ENTRIES", "samples": "SAMPLES"})
+def the_controller_keeps_refused(patch: Patch, kind: str) -> None:
+    """{} that are refused with IN_USE stay in the controller's own table, by which it judges what plays."""
+
+    @patch.around(Admission, "_judge_stores")
+    def judge(original: Any, self: Any, body: Any) -> None:
+        try:
+            original(self, body)
+        except BlockError:
+            if type(body).__name__.lower() == kind:
+                self._dispatch.stores.keep(body)
+            raise
 
 
 @mutant("BLK-022", "CON-008", wraps=(Controller, "test_transducer"))

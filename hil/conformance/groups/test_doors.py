@@ -161,7 +161,7 @@ def both_lines(bench: Bench) -> Iterator[tuple[RawSerialLine, RawSerialLine]]:
         yield cdc, uart
 
 
-@case("SER-011/1", "SER-016", features=Feature.CONSOLE)
+@case("SER-011/1", "SER-016", features=Feature.CONSOLE, since=3)
 def test_each_line_has_a_place_for_a_block_that_waits(
     bench: Bench, both_lines: tuple[RawSerialLine, RawSerialLine]
 ) -> None:

@@ -865,6 +865,29 @@ def test_a_console_is_silent_before_dtr(bench: Bench) -> None:
     assert text_until(bench, PROMPT).endswith(PROMPT), "the console shows no prompt once DTR is set"
 
 
+DISTURBANCES: dict[str, Callable[[Bench], object]] = {
+    "line-coding": lambda bench: set_line_coding(bench, bytes([0x80, 0x25, 0, 0, 2, 1, 7])),
+    "rts-high": lambda bench: set_dtr(bench, 3),
+    "rts-low": lambda bench: set_dtr(bench, 1),
+    "dtr-again": lambda bench: set_dtr(bench, 1),
+}
+"""What programs do when they open a port; none of it ends a session."""
+
+
+@pytest.mark.parametrize("what", DISTURBANCES)
+@case("USB-023", "SER-010", features=Feature.CONSOLE, line="usb", since=3)
+def test_nothing_but_dtr_low_ends_a_line_of_text(bench: Bench, what: str) -> None:
+    """A line of text goes on over a new line coding, RTS high or low, and DTR that is set again."""
+    set_dtr(bench, 0)
+    set_dtr(bench, 3 if what == "rts-low" else 1)
+    type_in(bench, b"ver")
+    DISTURBANCES[what](bench)
+    type_in(bench, b"sion\r")
+    said = text_until(bench, PROMPT)
+    set_dtr(bench, 0)
+    assert said.endswith(b"ok\r\n" + PROMPT), f"the console answers {said!r}, should end with ok and the prompt"
+
+
 @case("USB-019", "USB-023", features=Feature.CONSOLE, line="usb", since=3)
 def test_text_that_fills_its_packets_ends_with_an_empty_one(bench: Bench) -> None:
     """Typed text that comes back as a whole packet has an empty one after it: otherwise a host waits for more."""

@@ -167,6 +167,15 @@ def test_what_was_refused_was_not_stored(bench: Bench) -> None:
             Wrong("the sample", forge(bench, AmplitudeModulation(0, 1, 1)), Reason.EMPTY),
         ],
     )
+    bench.must(Samples(bytes(2), 5))
+    bench.must(AmplitudeModulation(5, 2, 1))
+    refuse(
+        bench,
+        [
+            Wrong("SAMPLES of which some are in use", forge(bench, Samples(bytes(3), 6)), Reason.IN_USE),
+            Wrong("one of them that is not", forge(bench, AmplitudeModulation(7, 1, 1)), Reason.EMPTY),
+        ],
+    )
 
 
 # What is in use
