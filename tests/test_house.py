@@ -135,3 +135,15 @@ def test_a_public_class_name_has_one_meaning() -> None:
                 if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                     homes.setdefault(node.name, set()).add(f"{path.relative_to(ROOT)}:{node.lineno}")
     assert {name: places for name, places in homes.items() if len(places) > 1} == {}
+
+
+def test_a_constant_of_a_module_has_one_value() -> None:
+    """A second one would replace the first wherever it is used, which no type checker reports."""
+    twice = []
+    for room in (*ROOMS, "cli", "mutants", "tests"):
+        for path in (ROOT / room).rglob("*.py"):
+            assigned = [node for node in ast.parse(path.read_text("utf-8")).body if isinstance(node, ast.Assign)]
+            targets = [node for each in assigned for target in each.targets for node in ast.walk(target)]
+            names = [node.id for node in targets if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+            twice += [f"{path.relative_to(ROOT)}: {name}" for name in {*names} if names.count(name) > 1]
+    assert twice == []

@@ -10,7 +10,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
 from phasewire.hil.conformance.tools.exchange import at_the_console
-from phasewire.hil.conformance.tools.player import Player, is_fast
+from phasewire.hil.conformance.tools.player import Player
 from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
@@ -391,8 +391,8 @@ def begin_to_play(player: Player, under: str) -> None:
 
 
 def beside(bench: Bench, size: int, a_block: int) -> list[range]:
-    """The places of a memory behind what plays and before it: all, or on a slow line those of a block."""
-    room = size if is_fast(bench) else a_block
+    """The places of a memory behind what plays and before it: all, or fewer on a slow line, at least a block."""
+    room = bench.tries(size, a_block, 1 / a_block)
     return [range(OWN.stop, min(OWN.stop + room, size)), range(max(OWN.start - room, 0), OWN.start)]
 
 
@@ -413,7 +413,7 @@ def renewals(player: Player, what: str) -> list[tuple[list[Body], PlaySequence |
             )
             for part in beside(bench, MODULATION_SAMPLES, SAMPLES_PER_BLOCK)
         ]
-    numbers = draw.sample(range(len(OWN), SLOTS), 24 if is_fast(bench) else 4)
+    numbers = draw.sample(range(len(OWN), SLOTS), bench.tries(24, 4, 2))
     places = [Entry(number, ENTRY_PERIODS) for number in numbers]
     player.send_all([*(Slot(number, bench.weak()) for number in numbers), Entries(tuple(places), OWN.stop)])
     if what == "slots":

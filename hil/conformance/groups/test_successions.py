@@ -20,7 +20,7 @@ from phasewire.hil.conformance.tools.planning import (
     store,
     store_for_plans,
 )
-from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, check_in_time, is_fast, soon
+from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, check_in_time, soon
 from phasewire.hil.conformance.tools.playing import (
     play,
     start,
@@ -267,7 +267,8 @@ def test_the_fifth_period_is_promised_while_a_sequence_plays(
     if modulated:
         require(bench, Feature.MODULATION)
         bench.must(Samples(bytes([SAMPLE, 255]), PLACE))
-    rounds, wanted = (80, 4) if is_fast(bench) else (12, 1)
+    wanted = bench.tries(4, 1, 60)
+    rounds = 20 * wanted
     hits, latency = 0, PROMISED_PERIODS
     for _ in range(rounds):
         if modulated:

@@ -11,7 +11,7 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
 from phasewire.hil.conformance.tools.clocks import compare_clocks
-from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, Player, check_in_time, is_fast, soon
+from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, Player, check_in_time, soon
 from phasewire.hil.conformance.tools.steps import check_sync
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -188,7 +188,8 @@ def test_the_fifth_period_is_promised(bench: Bench, kind: ChangeKind) -> None:
     """A change five periods after its block's arrival is in time, one for a period that has begun is late."""
     player = Player(bench)
     change = changes(player, kind)
-    rounds, wanted = (160, 12) if is_fast(bench) else (16, 1)
+    wanted = bench.tries(12, 1, 42)
+    rounds = 14 * wanted
     late = bench.status().late
     hits, latency = 0, 0
     for attempt in range(rounds):
@@ -300,7 +301,7 @@ def test_the_horizon_is_exact(bench: Bench, kind: ChangeKind) -> None:
     asked = bench.period()
     latency = bench.must(Clock()).now_period - asked
     seen = set()
-    for attempt in range(60 if is_fast(bench) else 16):
+    for attempt in range(60):
         offset = latency + (attempt % 2 if attempt < 40 else bench.random.randrange(-3, 4))
         asked = bench.period()
         period = asked + HORIZON_PERIODS + offset
