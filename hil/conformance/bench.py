@@ -73,7 +73,6 @@ __all__ = [
     "MOST_SLOWNESS",
     "OUTPUTS",
     "POWERS",
-    "RETURN_SECONDS",
     "TOLD_PERIODS",
     "TRIED_SECONDS",
     "Bench",
@@ -451,7 +450,7 @@ class Bench:
 
     def _recover(self) -> None:
         """Bring back a device that does not answer properly: open it again, reset the bus, cut its power."""
-        ways: list[Callable[[], None]] = [lambda: self.line.reopen(RETURN_SECONDS)]
+        ways: list[Callable[[], None]] = [lambda: self.line.reopen(self.return_seconds)]
         if Risk.RESET in self.allowed and isinstance(self.line, RawUsbLine):
             ways.append(self.usb.reset)
         if Risk.RESET in self.allowed and Need.POWER in self.levers.can:
@@ -492,6 +491,15 @@ class Bench:
         self.wait(seconds)
         if self.is_far:
             self._wait_until_tick(due)
+
+    def paced(self, seconds: float) -> float:
+        """How long so much time of a device takes for the host, by its pace before: it may have no clock to ask for."""
+        return seconds / self.pace
+
+    @property
+    def return_seconds(self) -> float:
+        """The longest time until a device is back after a restart."""
+        return self.paced(RETURN_SECONDS)
 
     def wait_periods(self, periods: float) -> None:
         """Let carrier periods of the device pass."""
@@ -600,7 +608,7 @@ class Bench:
         passed = self.line.time.monotonic() - began
         if passed >= seconds and self.is_far:
             self.clock()
-        return passed >= seconds / self.pace
+        return passed >= self.paced(seconds)
 
     def read_back(self) -> ReadBack:
         """Ask for PULSES."""
@@ -797,7 +805,7 @@ class Bench:
     def restart(self, how: Callable[[], None]) -> None:
         """Restart the device in some way, and find it again."""
         how()
-        self.line.reopen(RETURN_SECONDS)
+        self.line.reopen(self.return_seconds)
         self._number = None
 
     def begin_anew(self) -> bool:

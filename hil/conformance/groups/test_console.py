@@ -941,7 +941,7 @@ def test_dfu_leads_to_dfu_mode(bench: Bench, console: RawSerialLine) -> None:
     told(console, "dfu")
 
     def upgrade_nothing() -> None:
-        bench.usb.wait_for("DFU", 10)
+        bench.usb.wait_for("DFU", bench.return_seconds)
         bench.usb.reset()
 
     bench.restart(upgrade_nothing)

@@ -9,7 +9,7 @@ from math import ceil
 import pytest
 from phasewire.emulator import faults
 from phasewire.errors import DeviceError
-from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.dfu import RawDfuLine, dfu_mode
@@ -197,7 +197,7 @@ def test_detach_is_answered_before_the_device_leaves_and_comes_back(bench: Bench
     assert line.detach(), "DETACH is answered with STALL"
     try:
         there = check_leaves(bench, line, asked)
-        bench.usb.wait_for(DFU_MODE, RETURN_SECONDS / bench.pace)
+        bench.usb.wait_for(DFU_MODE, bench.return_seconds)
         away = now() - there
         assert away >= AWAY_SECONDS, f"the device is back {away:.4f} s after it was there, should be 10 ms or later"
         expect("the serial number in DFU mode", bench.usb.serial, serial)
@@ -210,7 +210,7 @@ def check_leaves(bench: Bench, line: RawDfuLine, asked: float) -> float:
     """Watch a device leave the bus in time after DETACH; returns the host's time of the last answered question."""
     now = bench.line.time.monotonic
     assert line.detached is not None
-    latest, there = line.detached + MOST_SECONDS * (1 + CLOCK_ERROR) / bench.pace, asked
+    latest, there = line.detached + bench.paced(MOST_SECONDS) * (1 + CLOCK_ERROR), asked
     told: list[tuple[str, Callable[[], object], object]] = [
         ("the state after DETACH", line.state, DfuState.APP_DETACH),
         ("whether ABORT after DETACH is answered", line.abort, False),
@@ -240,7 +240,7 @@ def test_a_bus_reset_after_detach_hastens_it(bench: Bench) -> None:
     assert line.detach(), "DETACH is answered with STALL"
     try:
         bench.usb.reset()
-        bench.usb.wait_for(DFU_MODE, RETURN_SECONDS / bench.pace)
+        bench.usb.wait_for(DFU_MODE, bench.return_seconds)
         expect("the state in DFU mode", line.state(), IDLE)
     finally:
         _come_back(bench, line)
@@ -249,7 +249,7 @@ def test_a_bus_reset_after_detach_hastens_it(bench: Bench) -> None:
 def _come_back(bench: Bench, line: RawDfuLine) -> None:
     """Bring the device to run-time mode from any step on its way to DFU mode."""
     if bench.usb.mode != DFU_MODE:
-        bench.usb.wait_for(DFU_MODE, RETURN_SECONDS / bench.pace)
+        bench.usb.wait_for(DFU_MODE, bench.return_seconds)
     line.leave()
 
 
@@ -496,7 +496,7 @@ def test_a_device_waits_for_a_bus_reset_in_dfu_mode(bench: Bench) -> None:
     """A device in DFU mode stays there while its host is silent, and a bus reset boots it into run-time mode."""
     before = bench.info
     with dfu_mode(bench) as line:
-        bench.wait(3)
+        line.wait(3000)
         expect("the state after 3 s", line.state(), IDLE)
     expect("the mode after a bus reset", bench.usb.mode, RUN_TIME)
     bench.begin_case("again")
@@ -526,7 +526,7 @@ def test_resets_of_enumeration_do_not_boot_the_device(bench: Bench) -> None:
     line = RawDfuLine(bench)
     assert line.detach(), "DETACH is answered with STALL"
     try:
-        bench.usb.wait_for(DFU_MODE, 15, configured=False)
+        bench.usb.wait_for(DFU_MODE, bench.return_seconds, configured=False)
         if bench.usb.is_configured:
             raise Inconclusive("the computer configures the device by itself before a program can reset it")
         for _ in range(2):
@@ -534,7 +534,7 @@ def test_resets_of_enumeration_do_not_boot_the_device(bench: Bench) -> None:
             expect("the mode after a reset", bench.usb.mode, DFU_MODE)
     finally:
         if bench.usb.mode == DFU_MODE:
-            bench.usb.wait_for(DFU_MODE, 15)
+            bench.usb.wait_for(DFU_MODE, bench.return_seconds)
             line.leave()
 
 
@@ -561,4 +561,4 @@ def test_a_failure_of_the_flash_is_told_as_what_it_is(bench: Bench, status: DfuS
         _expect_error(line, status, "a failure of the flash")
         line.rest()
         expect("the image that would boot next", line.image(), own)
-    bench.wait(11)
+    bench.outlast(11)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from phasewire.emulator.faults import WrongSupply
-from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.sight.capture import Seen
@@ -124,7 +124,7 @@ def test_a_hang_up_concerns_its_line_alone(bench: Bench, frames: RawSerialLine, 
     if how == "hang-up":
         frames.hang_up()
     else:
-        frames.wire.reopen(RETURN_SECONDS)
+        frames.wire.reopen(bench.return_seconds)
         frames.assume_console()
         frames.write(b"info\r")
         if not frames.answer():

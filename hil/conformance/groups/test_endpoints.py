@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 from phasewire.errors import DeviceError, DeviceStalledError
-from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.lines.usb import CONSOLE_IN, CONSOLE_OUT
 from phasewire.hil.conformance.sight.waveforms import check_silent
@@ -1048,5 +1048,5 @@ def test_detach_silences_the_outputs_first(bench: Bench) -> None:
     except DeviceError as error:
         raise Inconclusive(f"the device had left before this computer could ask all: {error}") from error
     finally:
-        bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
+        bench.usb.wait_for(DFU_MODE, bench.return_seconds)
         dfu.leave()

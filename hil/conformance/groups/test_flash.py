@@ -171,7 +171,7 @@ def test_what_comes_before_configuration_does_not_confirm_an_image(bench: Bench,
     with dfu_mode(bench) as line:
         line.flash(_own(line))
         _power(bench)
-        bench.usb.wait_for(RUN_TIME, UP_SECONDS, configured=False)
+        bench.usb.wait_for(RUN_TIME, bench.paced(UP_SECONDS), configured=False)
         if bench.usb.is_configured:
             raise Inconclusive("the computer configures the device by itself before a program can reset it")
         for _ in range(3):
@@ -197,7 +197,7 @@ def test_a_record_that_may_not_boot_is_gone_even_where_it_cannot_be_erased(bench
         expect("the status of a sector that is not erased", line.send(_own(line)).status, DfuStatus.ERASE)
     expect("the faults, for the bank has no record", bench.status().faults, Fault(0))
     expect("the bank that boots", settled(bench), before)
-    bench.wait(STUCK_SECONDS)
+    bench.outlast(STUCK_SECONDS)
     upgraded(bench)
 
 
@@ -217,7 +217,7 @@ def test_an_image_that_never_came_up_does_not_boot_after_a_cut_erasure(bench: Be
         with dfu_mode(bench) as line:
             bench.levers.cause(faults.PowerCutInWrite(written_bytes=byte, off_periods=4000))
             _send_while_there(bench, line, image)
-            bench.usb.reopen(UP_SECONDS)
+            bench.usb.reopen(bench.paced(UP_SECONDS))
         expect("the bank that boots after the cut", settled(bench), before)
     upgraded(bench)
 
@@ -234,7 +234,7 @@ def _power(bench: Bench) -> None:
     bench.levers.power_down()
     bench.wait(0.1)
     bench.levers.power_up()
-    bench.wait(UP_SECONDS)
+    bench.wait(bench.paced(UP_SECONDS))
 
 
 @flashing("FWU-018/1", "FWU-018/2", "DFU-010", "DFU-015", needs=(Need.POWER,))
@@ -274,7 +274,7 @@ def test_power_may_go_at_any_byte_that_is_written(bench: Bench) -> None:
             image = large_image(line)
             bench.levers.cause(faults.PowerCutInWrite(written_bytes=byte, off_periods=4000))
             _send_while_there(bench, line, image)
-            bench.usb.reopen(UP_SECONDS)
+            bench.usb.reopen(bench.paced(UP_SECONDS))
         found = settled(bench)
         assert found in (running, idle_bank(running)), f"the device boots from {found.name}, ran from {running.name}"
         running = found
@@ -300,7 +300,7 @@ def test_an_image_that_has_gone_bad_does_not_boot(bench: Bench) -> None:
         line.flash(_own(line))
         _stick(bench, idle_bank(before).image_address)
     expect("the bank that boots", settled_with_fault(bench), before)
-    bench.wait(STUCK_SECONDS)
+    bench.outlast(STUCK_SECONDS)
 
 
 def _stick(bench: Bench, address: int, bit: int = 0, value: int = 1) -> None:
@@ -342,7 +342,7 @@ def test_an_upgrade_is_newer_whatever_generation_it_follows(bench: Bench, genera
         line.flash(own)
     expect("the bank that boots", settled(bench), Bank.B)
     expect("the faults", bench.status().faults, Fault(0))
-    bench.wait(STUCK_SECONDS)
+    bench.outlast(STUCK_SECONDS)
 
 
 @reverting("REQ-014", "FWU-022/1", "FWU-022")
@@ -385,7 +385,7 @@ def test_revert_gives_up_nothing_where_the_factory_image_is_bad(bench: Bench, wh
     _stick(bench, Bank.FACTORY.image_address if what == "image" else Bank.FACTORY.record_address)
     bench.restart(lambda: bench.order(Request.REVERT))
     expect("the bank that boots", settled(bench), running)
-    bench.wait(STUCK_SECONDS)
+    bench.outlast(STUCK_SECONDS)
 
 
 @flashing("FWU-013/1", "FWU-004", "USB-008")

@@ -9,7 +9,7 @@ from operator import attrgetter
 import pytest
 from phasewire.emulator.faults import DeadProcessor
 from phasewire.errors import DeviceError
-from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect, unmet
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
 from phasewire.hil.conformance.tools.forge import forged
@@ -430,7 +430,7 @@ def unplugged(bench: Bench) -> Iterator[None]:
         yield
     finally:
         bench.levers.plug()
-        bench.line.reopen(RETURN_SECONDS)
+        bench.line.reopen(bench.return_seconds)
 
 
 PLUG = (Need.PLUG,)
@@ -496,7 +496,7 @@ def test_the_outputs_go_on_unattended_while_the_cable_is_pulled(bench: Bench) ->
     bench.wait(0.03)
     until = at + int(CARRIER_HZ * (bench.line.time.monotonic() - began) * (1 - CLOCK_ERROR))
     bench.levers.plug()
-    bench.line.reopen(RETURN_SECONDS)
+    bench.line.reopen(bench.return_seconds)
     words = expected_words(pulses, bench.wiring)
     bench.judge(ack.commit_period, until, lambda seen: check_play(seen, [(ack.commit_period, words)]))
 

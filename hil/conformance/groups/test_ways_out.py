@@ -10,7 +10,7 @@ from functools import partial, reduce
 import pytest
 from phasewire.emulator.faults import HotBoard
 from phasewire.errors import DeviceError
-from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Case, Need, Risk, Row, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words, modulated
 from phasewire.hil.conformance.tools.dfu import RawDfuLine
@@ -158,7 +158,7 @@ def detach(bench: Bench) -> None:
     with suppress(DeviceError):  # it may leave after 10 ms
         status = bench.status()
         expect("state and what plays since", (status.state, status.since_period), (DFU, 0))
-    bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
+    bench.usb.wait_for(DFU_MODE, bench.return_seconds)
     answer = bench.request(Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0, Status.BYTES))
     expect("the answer to STATUS in DFU mode", answer, None)
 

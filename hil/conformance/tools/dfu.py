@@ -20,7 +20,7 @@ from ....protocol.codes import (
 from ....protocol.dfu import DfuReply
 from ....protocol.enumeration import DFU_INTERFACE, LANGUAGE
 from ....protocol.requests import DIRECTION_IN, Setup
-from ..bench import RETURN_SECONDS, Bench
+from ..bench import Bench
 
 __all__ = ["BUSY", "RawDfuLine", "dfu_mode"]
 
@@ -107,7 +107,7 @@ class RawDfuLine:
 
     def wait(self, milliseconds: float) -> None:
         """Let time pass on the device, which has no clock to ask for in DFU mode: by its pace before."""
-        self._bench.wait(milliseconds / 1000 / self._bench.pace)
+        self._bench.wait(self._bench.paced(milliseconds / 1000))
 
     # Steps of more than one request
 
@@ -187,12 +187,12 @@ class RawDfuLine:
     def enter(self) -> None:
         """Go to DFU mode."""
         assert self.detach(), "DETACH is answered with STALL"
-        self._usb.wait_for(DFU_MODE, RETURN_SECONDS / self._bench.pace)
+        self._usb.wait_for(DFU_MODE, self._bench.return_seconds)
 
     def leave(self) -> None:
         """Boot by a bus reset, and wait for run-time mode."""
         self._usb.reset()
-        self._usb.wait_for(RUN_TIME, RETURN_SECONDS / self._bench.pace)
+        self._usb.wait_for(RUN_TIME, self._bench.return_seconds)
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.lines import usb
 from phasewire.hil.conformance.lines.usb import RawUsbLine
 from phasewire.hil.conformance.running import RunOptions, run_conformance
+from phasewire.hil.conformance.verdicts import Verdict
 
 TIMES = 20
 """How many seconds pass for the host in one of the device, by turns twice as many."""
@@ -37,16 +38,15 @@ class HostTime:
 
 
 @pytest.mark.parametrize(
-    "case",
+    ("cases", "passes"),
     [
-        "timing/nothing-that-a-host-asks-for-sets-the-clock",
-        "timing/changes-of-all-kinds-follow-each-other",
-        "dfu/every-request-in-every-state-leads-where-the-diagram-says[dfu-idle]",
-        "dfu/every-request-in-every-state-leads-where-the-diagram-says[dnload-idle]",
-        "dfu/detach-is-answered-before-the-device-leaves-and-comes-back",
+        ("timing/nothing-that-a-host-asks-for-sets-the-clock", 0),  # the clocks are too different to be compared
+        ("timing/changes-of-all-kinds-follow-each-other", 2),
+        ("dfu/", 60),
+        ("flash/an-image-that-has-gone-bad-does-not-boot", 1),
     ],
 )
-def test_a_device_in_slow_time_fails_no_case(monkeypatch: pytest.MonkeyPatch, case: str) -> None:
+def test_a_device_in_slow_time_fails_no_case(monkeypatch: pytest.MonkeyPatch, cases: str, passes: int) -> None:
     """Its queue has eight places, and a case needs its later changes to wait for the first."""
     take, milliseconds = RawUsbLine._take, usb._milliseconds
 
@@ -66,6 +66,6 @@ def test_a_device_in_slow_time_fails_no_case(monkeypatch: pytest.MonkeyPatch, ca
     monkeypatch.setattr(Bench, "begin_case", begin_slowly)
     for module in (agenda, batches, dispatch, requests):
         monkeypatch.setattr(module, "QUEUE_BLOCKS", 8)
-    run = run_conformance(RunOptions("emulator:", only=(case,), again=False))
-    assert run.results
-    assert [result.reason for result in run.results if result.breaks] == []
+    run = run_conformance(RunOptions("emulator:", only=(cases,), again=False))
+    assert run.count(Verdict.PASS) >= passes, [result.reason for result in run.results]
+    assert [(result.case, result.reason) for result in run.results if result.breaks] == []
