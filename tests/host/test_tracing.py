@@ -148,7 +148,7 @@ def test_a_transfer_is_a_line_and_so_is_each_piece_on_demand(line: Line, caplog:
         "from period 1007 on"
     )
     assert caplog.messages[-2] == (
-        "    0.004000 s  in  acknowledgement 8 accepted, period 1008, LATE; PLAYING, room for 12"
+        "    0.004000 s  in  acknowledgement 8 accepted, period 1008, LATE; PLAYING at tick 400, room for 12"
     )
 
 

@@ -1,5 +1,5 @@
 # Made by clang from blk_plan.c; do not edit.
-# sha256 of it and what it includes: e8d6b50d3beaa1ab976c3697c4f84f171088e6c117bea246be0bb13c08ae33a5
+# sha256 of it and what it includes: a1cde46cd0dd754c104a989e69a0871dbecc47daf174976449ad094d33d3108a
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2

@@ -1,5 +1,5 @@
 # Made by clang from blk_stores.c; do not edit.
-# sha256 of it and what it includes: 57760d3f0ec2111d547b86d72b2eb1d06ab4dca76c38e0f069905d5808202716
+# sha256 of it and what it includes: ad95d5f752947e1677ac20ce8279f549cb32679ecefd72a4d33685f8776d38ea
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2

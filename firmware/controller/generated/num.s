@@ -1,5 +1,5 @@
 # Made by clang from num.c; do not edit.
-# sha256 of it and what it includes: 7728094ddc157ffe833bbd77d9c5362ea3b67fef4e030950932cf7333086bbd1
+# sha256 of it and what it includes: d148c56f4481a4a0c813b8d752fa0c49e178967a7a37048e7d21c123ac8b0843
 	.text
 	.globl	pw_device_block
 	.p2align	2

@@ -1,5 +1,5 @@
 # Made by clang from plan.c; do not edit.
-# sha256 of it and what it includes: f236db2ef8720b3249ce433f3669ff9e8def4746b693e20f01136cd2e4a519aa
+# sha256 of it and what it includes: 7b51eebb352d8afe286fdaae8bc9000134ebeab2448bfecd2c151ae7c14addf1
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
