@@ -6,14 +6,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
-from phasewire.emulator import faults
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.doors import Host
 from phasewire.hil.conformance.tools.player import check_in_time, soon
-from phasewire.hil.conformance.tools.playing import ROUND_SECONDS, expect_state, play, reach, told
+from phasewire.hil.conformance.tools.playing import HOT_PERIODS, expect_state, heat, play, reach, told
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     MOST_ENTRY_PERIODS,
@@ -75,8 +74,6 @@ LEADS_TO: dict[str, dict[State, State]] = {
 REACHED = (OFF, READY, PLAYING, UNATTENDED)
 ENABLED = (READY, PLAYING, UNATTENDED)
 SHORT_MS = 10
-HOT_PERIODS = 20_000
-"""Duration of a fault that must end, but be seen before on any line."""
 
 
 def name(value: State | str) -> str:
@@ -352,13 +349,6 @@ def test_what_ends_unattended_on_a_suspended_bus_leaves_the_device_suspended(ben
 
 
 FAULTY = (Need.FAULTS, Need.SPARE)
-HOT_C = 90
-
-
-def heat(bench: Bench, periods: int | None = None) -> None:
-    """Overheat a board, for some periods or for good, and wait until the controller knows (clause CHN-017)."""
-    bench.levers.cause(faults.HotBoard(board=bench.random.randrange(bench.info.boards), celsius=HOT_C, periods=periods))
-    bench.wait(ROUND_SECONDS)
 
 
 @pytest.mark.parametrize("way", [way for way in WAYS if way != "last repeat"], ids=name)

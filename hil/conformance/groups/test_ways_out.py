@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import partial, reduce
 
 import pytest
-from phasewire.emulator.faults import HotBoard
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Case, Need, Risk, Row, case, expect
@@ -16,8 +15,10 @@ from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, 
 from phasewire.hil.conformance.tools.dfu import RawDfuLine
 from phasewire.hil.conformance.tools.exchange import at_the_console
 from phasewire.hil.conformance.tools.playing import (
+    HOT_PERIODS,
     ROUND_SECONDS,
     check_falls_silent,
+    heat,
     judge_silence_since,
     play,
     reach,
@@ -82,8 +83,6 @@ HELD = 2
 """The drive limit that is set before a way out, in transducers."""
 SHORT_MS = 10
 SAMPLE = 128
-HOT_C, HOT_PERIODS = 90, 20_000
-"""A fault that must end, but be seen before on any line."""
 
 
 # Ways to let an event happen
@@ -107,15 +106,9 @@ def let_watchdog_fire(bench: Bench) -> None:
     bench.order(Request.WATCHDOG, LONG_MS)
 
 
-def heat(bench: Bench) -> None:
-    """Overheat a board for a while, and wait until the controller knows (clause CHN-017)."""
-    bench.levers.cause(HotBoard(board=bench.random.randrange(bench.info.boards), celsius=HOT_C, periods=HOT_PERIODS))
-    bench.wait(ROUND_SECONDS)
-
-
 def fail(bench: Bench) -> None:
     """Overheat a board: FAULT follows and is told, and stays when the board is cool again."""
-    heat(bench)
+    heat(bench, HOT_PERIODS)
     said = told(bench)
     expect("the states of the unsolicited records", [status.state for status in said], [FAULT])
     expect("the faults in the records", said[0].faults, Fault.TEMPERATURE)
@@ -135,7 +128,7 @@ def cool(bench: Bench) -> None:
 
 def fail_suspended(bench: Bench) -> None:
     """Overheat a board while the bus is suspended; resume does not leave FAULT."""
-    heat(bench)
+    heat(bench, HOT_PERIODS)
     bench.levers.resume()
     cool(bench)
 
@@ -454,7 +447,7 @@ def test_a_fault_silences_after(bench: Bench, way: WayOut) -> None:
     """After this way out, and once something plays again, a silencing fault leads to FAULT and silences the outputs."""
     come_back(bench, way)
     play(bench, bench.weak(share(bench)))
-    heat(bench)
+    heat(bench, HOT_PERIODS)
     since = bench.period() + SILENT_PERIODS
     status = bench.status()
     expect("state and faults", (status.state, status.faults), (FAULT, Fault.TEMPERATURE))

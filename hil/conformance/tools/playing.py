@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from ....emulator.faults import HotBoard
 from ....protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -34,12 +35,14 @@ from .steps import LONG_MS, require
 
 __all__ = [
     "CLOCK_ERROR",
+    "HOT_PERIODS",
     "PLAYS",
     "ROUND_SECONDS",
     "Played",
     "check_falls_one_by_one",
     "check_falls_silent",
     "expect_state",
+    "heat",
     "judge_silence_since",
     "play",
     "reach",
@@ -54,6 +57,8 @@ CLOCK_ERROR = 0.01
 """The greatest difference between the clocks of host and device."""
 OFF_PERIODS = 400
 """10 ms, within which the outputs are off after the bus fell silent (clause USB-020)."""
+HOT_C, HOT_PERIODS = 90, 20_000
+"""A fault that must end, but be seen before on any line."""
 ROUND_SECONDS = 0.012
 """Time in which the controller asks every processor (clause CHN-017) and gets the answers."""
 
@@ -104,6 +109,12 @@ def reach(bench: Bench, state: State, share: float = 1.0) -> Played | None:
     expect_state(bench, state)
     bench.unasked.clear()
     return played
+
+
+def heat(bench: Bench, periods: int | None = None) -> None:
+    """Overheat a board, for some periods or for good, and wait until the controller knows (clause CHN-017)."""
+    bench.levers.cause(HotBoard(board=bench.random.randrange(bench.info.boards), celsius=HOT_C, periods=periods))
+    bench.wait(ROUND_SECONDS)
 
 
 def expect_state(bench: Bench, state: State) -> None:
