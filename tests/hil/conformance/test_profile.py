@@ -66,12 +66,12 @@ def test_a_revision_is_one_that_there_is(file: Path, written: str) -> None:
 
 def test_what_is_newer_than_the_revision_does_not_apply() -> None:
     old = Profile(revision=1)
-    assert old.reason_for("serial/a", "serial", ("SER-011", "SAF-003"), 2) == (
-        "SER-011 changed in revision 2, SAF-003 changed in revision 3, "
+    assert old.reason_for("serial/a", "serial", ("CON-003", "SAF-003"), 2) == (
+        "CON-003 changed in revision 2, SAF-003 changed in revision 3, "
         "and the profile declares that the device keeps revision 1"
     )
-    assert old.reason_for("serial/a", "serial", ("SER-011", "SAF-003"), 1) is None
-    assert Profile(revision=2).reason_for("serial/a", "serial", ("SER-011",), 2) is None
+    assert old.reason_for("serial/a", "serial", ("CON-003", "SAF-003"), 1) is None
+    assert Profile(revision=2).reason_for("serial/a", "serial", ("CON-003",), 2) is None
 
 
 @pytest.mark.parametrize("written", ['"0x1209"', '"1209"', "0x1209", "4617"])
