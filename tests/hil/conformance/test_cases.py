@@ -46,6 +46,6 @@ def test_a_case_asks_for_a_revision_in_which_one_of_its_clauses_changed() -> Non
     def judged() -> None:
         """It is so."""
 
-    case("CON-003/1", "BLK-003", since=2)(judged)
+    case("CON-003", "BLK-003", since=2)(judged)
     with pytest.raises(ValueError, match="none of CON-003, BLK-003 changed in revision 3"):
         case("CON-003", "BLK-003", since=3)(judged)

@@ -31,8 +31,8 @@ PASS, FAIL, WARN, OPEN, NONE = Verdict
 
 
 def test_a_failure_says_which_of_its_clauses_are_newer_than_the_first_revision() -> None:
-    clauses = ("CON-003/1", "CON-003", "BLK-003", "FWU-020/3")
-    told = "SER-011 changed in revision 2; FWU-020 changed in revision 2; FWU-020 changed in revision 3"
+    clauses = ("SER-010/1", "SER-010", "BLK-003", "FWU-020/3")
+    told = "SER-010 changed in revision 2; FWU-020 changed in revision 2; FWU-020 changed in revision 3"
     assert why(Result("a/b", clauses, "", FAIL, "it is so")) == f"failed 1 of 1: it is so; {told}"
     assert why(Result("a/b", clauses, "", OPEN, "it is so")) == "it is so"
     assert why(Result("a/b", ("BLK-003",), "", FAIL, "it is so")) == "failed 1 of 1: it is so"
