@@ -258,7 +258,8 @@ def read_until(terminal: int, pattern: str | None) -> str:
     """The output of a terminal up to a pattern, or to its end."""
     text, end = b"", time.monotonic() + PATIENCE
     while pattern is None or not re.search(pattern, text.decode(errors="replace")):
-        assert select.select([terminal], [], [], max(0, end - time.monotonic()))[0], text
+        left = end - time.monotonic()
+        assert left > 0 and select.select([terminal], [], [], left)[0], text
         try:
             more = os.read(terminal, 4096)
         except OSError:  # its other end is closed
@@ -304,7 +305,7 @@ def interrupted(folder: Path, line: str, pattern: str, seconds: float = 0, times
 def test_repeated_ctrl_c_leaves_the_outputs_off(folder: Path) -> None:
     """The first ends the show; the others come while it turns the outputs off, and afterwards."""
     line = "show solved.npz --forever -v --json shown.json"
-    assert interrupted(folder, line, "PLAYING in period", times=5) == 0  # the normal end of --forever
+    assert interrupted(folder, line, r"PLAYING at tick \d+", times=5) == 0  # the normal end of --forever
     assert json.loads((folder / "shown.json").read_text())["status"]["missed_commits"] == 0
 
 
@@ -383,7 +384,7 @@ def test_sigterm_leaves_the_outputs_off(folder: Path) -> None:
     with subprocess.Popen(command, cwd=folder, env=environment(), stderr=subprocess.PIPE) as process:
         assert process.stderr
         try:
-            said = read_until(process.stderr.fileno(), "PLAYING in period")
+            said = read_until(process.stderr.fileno(), r"PLAYING at tick \d+")
             process.send_signal(signal.SIGTERM)
             said += read_until(process.stderr.fileno(), None)
             assert process.wait(PATIENCE) == 128 + signal.SIGTERM
