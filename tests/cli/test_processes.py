@@ -259,7 +259,8 @@ def read_until(terminal: int, pattern: str | None) -> str:
     text, end = b"", time.monotonic() + PATIENCE
     while pattern is None or not re.search(pattern, text.decode(errors="replace")):
         left = end - time.monotonic()
-        assert left > 0 and select.select([terminal], [], [], left)[0], text
+        assert left > 0, text
+        assert select.select([terminal], [], [], left)[0], text
         try:
             more = os.read(terminal, 4096)
         except OSError:  # its other end is closed
