@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,10 +16,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
+    "BLUE",
     "COLUMN",
+    "CYCLIC",
+    "FELT",
     "FORMATS",
+    "GREEN",
+    "INK",
     "LANDSCAPE",
+    "LIGHT",
     "MM",
+    "ON_FIELD",
+    "ORANGE",
+    "RED",
+    "SEQUENTIAL",
+    "SKIN",
     "Drawable",
     "axes_or_new",
     "check_picture_path",
@@ -36,6 +45,10 @@ FORMATS = (".png", ".svg", ".pdf")
 COLUMN, LANDSCAPE = 7.1, 10.5
 """Widths in inches between the margins of A4 paper, upright and turned."""
 FONT_POINTS = 8.5
+HEADLINE = 1.2
+"""Size of a figure's title, of that of other text."""
+EDGE = 0.08
+"""Inches of paper around what is drawn: the canvas is as large as that needs."""
 DOTS_PER_INCH = 150
 NOTEBOOK = (5.6, 4.4)
 """Width and height in inches of a picture that is made by itself."""
@@ -43,6 +56,16 @@ BAR = 1.0
 """Inches that a colour bar and the labels on its right need."""
 MM = 1e3
 """Millimetres in a metre: axes are in millimetres."""
+
+BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+"""Of the palette of Okabe and Ito, which people with any colour vision can tell apart; lines and markers differ too."""
+SEQUENTIAL, CYCLIC, FELT = "inferno", "twilight_shifted", "plasma_r"
+"""Colour maps of magnitudes, phases, and feeling on pale skin: even for the eye, also for one that is colour-blind."""
+LIGHT, INK, SKIN = "#7fdfff", "#333333", "#e6e0da"
+"""Colours of marks on a dark field, of outlines on paper, and of skin that feels nothing."""
+
+ON_FIELD: dict[str, Any] = {"fontsize": "small", "facecolor": "0.15", "labelcolor": "w", "framealpha": 0.7}
+"""Options of a legend on a dark field."""
 
 
 class Drawable(ABC):
@@ -61,9 +84,8 @@ class Drawable(ABC):
 
         figure, data = Figure(figsize=NOTEBOOK, layout="compressed"), BytesIO()
         try:
-            with printed():
-                self.plot(figure.subplots())
-                figure.savefig(data, format="png", dpi=DOTS_PER_INCH * 2 // 3)
+            self.plot(figure.subplots())
+            printed(figure).savefig(data, format="png", dpi=DOTS_PER_INCH * 2 // 3)
         except ValueError:  # too large a shape, an empty capture
             return None
         return data.getvalue()
@@ -109,13 +131,39 @@ def colour_bar(
     return axes.figure.colorbar(mappable, ax=axes, label=label, fraction=fraction, pad=pad, shrink=shrink)
 
 
-@contextmanager
-def printed() -> Iterator[None]:
-    """Fonts in points for a picture that is printed at its size; a context or a decorator."""
-    from matplotlib import rc_context  # matplotlib takes as long to import as everything else together
+def printed(figure: Figure) -> Figure:
+    """Give the text of a figure its size on paper, once, and return the figure.
 
-    with rc_context({"font.size": FONT_POINTS, "axes.titlesize": "medium", "figure.titlesize": "large"}):
-        yield
+    Sizes are set on the figure's own text: settings of matplotlib are those of all threads, and of the user. A size
+    that was asked for by a name, such as ``"small"``, keeps its meaning.
+    """
+    from matplotlib import rcParams  # matplotlib takes as long to import as everything else together
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.text import Text
+
+    def points(size: str | float) -> float:
+        return FontProperties(size=size).get_size_in_points()
+
+    if vars(figure).get("is_printed"):
+        return figure
+    vars(figure)["is_printed"] = True
+    headline, title = points(rcParams["figure.titlesize"]), points(rcParams["axes.titlesize"])
+    label = points(rcParams["axes.labelsize"])
+    usual: dict[Text, tuple[float, float]] = {}
+    for part in (figure, *figure.subfigs):
+        usual |= dict.fromkeys(part.texts, (headline, HEADLINE))
+    for axes in figure.findobj(Axes):
+        usual |= {axes.title: (title, 1.0), axes.xaxis.label: (label, 1.0), axes.yaxis.label: (label, 1.0)}
+    for text in figure.findobj(Text):
+        was, factor = usual.get(text, (None, 1.0))
+        here = text.get_fontsize()
+        text.set_fontsize(FONT_POINTS * (factor if here == was else here / rcParams["font.size"]))
+    for axis in figure.findobj(Axis):
+        asked = axis.get_tick_params().get("labelsize")
+        axis.set_tick_params("both", labelsize=FONT_POINTS * (points(asked) / rcParams["font.size"] if asked else 1.0))
+    return figure
 
 
 def new_figure(height: float, width: float = COLUMN) -> Figure:
@@ -132,6 +180,8 @@ def check_picture_path(path: FilePath) -> None:
 
 
 def save_figure(figure: Figure, path: FilePath) -> None:
-    """Write a figure in the format of the path's suffix, completely or not at all."""
-    with printed(), replacing(path) as part:  # the labels of ticks take their font now
-        figure.savefig(part, format=Path(path).suffix[1:].lower(), dpi=DOTS_PER_INCH)
+    """Write a figure on a canvas that fits it, in the format of the path's suffix, completely or not at all."""
+    with replacing(path) as part:
+        printed(figure).savefig(
+            part, format=Path(path).suffix[1:].lower(), dpi=DOTS_PER_INCH, bbox_inches="tight", pad_inches=EDGE
+        )

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from phasewire import ControlPoints, Medium, Solver, TransducerArray, pressure
-from phasewire.pictures import new_figure, printed, save_figure
+from phasewire.pictures import new_figure, save_figure
 from phasewire.solver.compiled import block_kernels, kernels
 from phasewire.solver.compiled.simd import LANES
 from phasewire.solver.fields.field import PAIRS_PER_SAMPLE
@@ -193,7 +193,6 @@ def print_results(results: dict[str, list[dict[str, Any]]], flops: float) -> Non
         )
 
 
-@printed()
 def draw(results: dict[str, list[dict[str, Any]]], flops: float, path: Path) -> None:
     """The picture: cost over m and over n, memory, and both sides of both crossovers."""
     figure = new_figure(5.4)

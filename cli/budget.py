@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Column, Table
 
-from ..pictures import check_picture_path, new_figure, printed, save_figure
+from ..pictures import check_picture_path, new_figure, save_figure
 from ..protocol.board import CORE_HZ
 from ..protocol.chain import LOAD_BYTES
 from ..protocol.codes import ENTRIES_PER_BLOCK, SAMPLES_PER_BLOCK, Kind, Memory
@@ -167,7 +167,6 @@ def _print_threads(out: Console, found: Budget) -> None:
     out.print(f"\nMemory of a processor: {memory:,} of {PROCESSOR_MEMORY_BYTES:,} bytes, {share}.")
 
 
-@printed()
 def draw_budget(found: Budget) -> Figure:
     """The time line of an update that just misses a boundary, and the highest rate of each stage."""
     figure = new_figure(3.3)

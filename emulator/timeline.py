@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from ..pictures import LANDSCAPE, new_figure, printed
+from ..pictures import LANDSCAPE, new_figure
 from ..protocol.blocks import Block, Update, pack
 from ..protocol.board import CHANNELS, CORE_HZ, CYCLES_PER_PERIOD, MAX_WIDTH_TICKS
 from ..protocol.codes import REQUEST_TYPE_OUT, Request, StandardRequest
@@ -30,7 +30,7 @@ CYCLES_PER_MICROSECOND = CORE_HZ // 10**6
 LANE_INCHES, FRAME_INCHES = 0.14, 1.2
 GAP = 0.8  # between groups of lanes, in lanes
 MOST_BOUNDARIES = 16
-FONT_POINTS, CHARACTER_POINTS = 7.0, 4.2
+CHARACTER_POINTS = 4.2  # of small text
 POINTS_PER_INCH = 72
 
 COLOURS = {
@@ -71,7 +71,6 @@ def way_of_an_update(emulator: Emulator) -> list[Span]:
     ]
 
 
-@printed()
 def draw_timeline(spans: Sequence[Span], title: str = "") -> Figure:
     """Draw spans over time, with the boundaries of periods.
 
@@ -158,7 +157,7 @@ def _write_labels(axes: Axes, spans: Iterable[Span], rows: dict[str, float], beg
             text,
             ha="center",
             va="center_baseline",
-            fontsize=FONT_POINTS,
+            fontsize="small",
             color="white" if span.kind in DARK else "black",
         )
 
@@ -184,7 +183,7 @@ def _mark_boundaries(axes: Axes, begins: int, ends: int) -> None:
 def _name_lanes(axes: Axes, rows: dict[str, float]) -> None:
     """Write lanes' numbers on the axis and the names of their groups before them."""
     axes.set_yticks(list(rows.values()), [lane.removeprefix(_group(lane)).strip() for lane in rows])
-    axes.tick_params(axis="y", length=0, labelsize=FONT_POINTS, pad=1)
+    axes.tick_params(axis="y", length=0, labelsize="small", pad=1)
     for group, lanes in groupby(rows, key=_group):
         places = [rows[lane] for lane in lanes]
         axes.annotate(

@@ -19,12 +19,13 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from ..pictures import MM, Drawable, axes_or_new, colour_bar
+from ..pictures import Drawable, axes_or_new, colour_bar
 from ..solver.acoustics.array import TransducerArray
 from ..solver.acoustics.medium import Medium, as_medium
 from ..solver.acoustics.propagation import arrivals
 from ..solver.fields.quantities import radiation_pressure
 from ..solver.geometry import place
+from .drawing import INTENSITY, draw_intensity, write_scale
 from .receptors import TOUCH_CHANNELS
 from .skin import MOST_HZ, NEGLIGIBLE, Skin, displaced
 from .unfolding import SkinPlaces
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 
 __all__ = ["FeltMap", "feel", "felt_map", "radiation_pressures"]
 
-EDGE = "#7fdfff"
 EVERY = 10
 """Carrier periods from one sample of the radiation pressure to the next: 4 kHz at 40 kHz."""
 SAMPLES_AT_A_TIME = 1024
@@ -137,22 +137,12 @@ class FeltMap(Drawable):
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Draw the perceived intensity over the flat skin; a line surrounds what is above the threshold."""
-        mask, spacing = self.places.mask, self.places.spacing
-        image = np.full(mask.shape, np.nan)
-        image[mask] = self.intensity
-        rows, columns = mask.shape
-        edges = (0, columns * spacing * MM, 0, rows * spacing * MM)
         axes, title = axes_or_new(ax), style.pop("title", "Perceived intensity over the skin, laid out flat")
-        look: dict[str, Any] = {"cmap": "inferno", "vmin": 0, "vmax": max(1.0, float(self.intensity.max()))}
-        drawn = axes.imshow(image, origin="lower", extent=edges, interpolation="nearest", **look | style)
-        if self.intensity.min() < 1 < self.intensity.max():
-            edge = axes.contour(
-                np.nan_to_num(image), levels=[1], origin="lower", extent=edges, colors=EDGE, linewidths=1
-            )
-            edge.set_array(None)  # a line, not a quantity
-            edge.set_edgecolor(EDGE)
-        axes.set(title=title, xlabel="across / mm", ylabel="along / mm", facecolor="0.9")
-        colour_bar(axes, drawn, "perceived intensity / threshold", fraction=0.046 * rows / columns, pad=0.02)
+        drawn = draw_intensity(axes, self.places, self.intensity, **style)
+        axes.set_title(title)
+        axes.legend(loc="upper left", fontsize="small", handlelength=1.5, frameon=False)
+        rows, columns = self.places.mask.shape
+        write_scale(colour_bar(axes, drawn, INTENSITY, fraction=0.046 * rows / columns, pad=0.02))
         return axes
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..pictures import LANDSCAPE, new_figure, printed, save_figure
+from ..pictures import BLUE, GREEN, INK, LANDSCAPE, RED, new_figure, save_figure
 from ..solver.geometry import place
 from ..storage import FilePath
 from .perception import FeltMap
@@ -26,11 +26,11 @@ def draw_felt_spectrum(axes: Axes, felt: FeltMap) -> None:
     """Draw how the strongest place vibrates, and the thresholds of the channels of touch."""
     size = np.abs(felt.spectra[:, felt.strongest])
     shown = size > LEAST * size.max(initial=0)
-    axes.vlines(felt.frequencies[shown], 0, size[shown] * MICROMETRES, color="0.2", linewidth=1.5, label="vibration")
-    for channel, dashes in zip(TOUCH_CHANNELS, ("-", "--", ":"), strict=True):
+    axes.vlines(felt.frequencies[shown], 0, size[shown] * MICROMETRES, color=INK, linewidth=1.5, label="vibration")
+    for channel, dashes, colour in zip(TOUCH_CHANNELS, ("-", "--", ":"), (BLUE, RED, GREEN), strict=True):
         known = np.array(channel.thresholds)[:, 0]
         least = channel.threshold(known) * MICROMETRES
-        axes.plot(known, least, dashes, linewidth=1, label=f"threshold, {channel.name}")
+        axes.plot(known, least, dashes, color=colour, linewidth=1.2, label=f"threshold, {channel.name}")
     axes.set(
         title=f"Strongest place, {place(felt.places.positions[felt.strongest])}",
         xlabel="frequency / Hz",
@@ -41,7 +41,6 @@ def draw_felt_spectrum(axes: Axes, felt: FeltMap) -> None:
     axes.legend(fontsize="small")
 
 
-@printed()
 def save_felt_picture(path: FilePath, felt: FeltMap, headline: str) -> None:
     """Write the picture in the format of the path's suffix."""
     figure = new_figure(5.0, LANDSCAPE)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..solver.arguments import check_positive
 from ..solver.contact.anatomy import posed
 from ..solver.contact.hand import Hand
+from ..solver.contact.silhouette import silhouette
 from ..solver.geometry import as_position, counted, frozen
 
 __all__ = ["SkinPatch", "SkinPlaces", "Unfolded"]
@@ -46,6 +47,10 @@ class SkinPlaces(Protocol):
     @property
     def spacing(self) -> float:
         """Of the grid, in metres."""
+
+    @property
+    def outline(self) -> list[NDArray[np.float64]]:
+        """Closed lines (n, 2) around the skin, as it is drawn: x and y from the grid's corner, in metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +104,12 @@ class SkinPatch:
     def normals(self) -> NDArray[np.float64]:
         """(k, 3) all down."""
         return frozen(np.tile([0.0, 0.0, -1.0], (self.mask.size, 1)))
+
+    @cached_property
+    def outline(self) -> list[NDArray[np.float64]]:
+        """The rectangle of all cells."""
+        rows, columns = self.mask.shape
+        return [frozen(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]]) * self.spacing)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +184,15 @@ class Unfolded:
         quads = self.hand.quads
         out = np.cross(quads[:, 3] - quads[:, 0], quads[:, 1] - quads[:, 0])
         return frozen((out / np.linalg.norm(out, axis=1, keepdims=True))[self.quads])
+
+    @cached_property
+    def outline(self) -> list[NDArray[np.float64]]:
+        """The hand as it is drawn, `silhouette`; the quadrilaterals that feel lie in it but for their corners."""
+        flat = _laid_out(self.hand)
+        fingers = flat[1:].reshape(5, 3, 4, 2)
+        bases, tips = fingers[:, :, :2].mean(axis=2), fingers[:, -1:, 2:].mean(axis=2)
+        lines = silhouette(np.concatenate([bases, tips], axis=1), self.hand.widths, flat[0])
+        return [frozen(line - flat.min(axis=(0, 1))) for line in lines]
 
 
 def _check_count(area: float, spacing: float) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..pictures import LANDSCAPE, new_figure, printed, save_figure
+from ..pictures import LANDSCAPE, new_figure, save_figure
 from ..protocol.board import TICKS_PER_PERIOD
 from ..solver import PlaneField
 from ..solver.fields.validity import validity
@@ -28,7 +28,6 @@ def draw_waves(axes: Axes, run: EndToEnd) -> None:
     )
 
 
-@printed()
 def save_end_to_end_picture(path: FilePath, run: EndToEnd, field: PlaneField, headline: str) -> None:
     """Write the picture in the format of the path's suffix."""
     figure = new_figure(7.6, LANDSCAPE)

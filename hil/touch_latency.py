@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..emulator import Emulator
 from ..emulator.trace import Span
 from ..host import Device, open_device
-from ..pictures import new_figure, printed
+from ..pictures import BLUE, GREEN, ORANGE, new_figure
 from ..protocol.board import CORE_HZ
 from ..protocol.pulses import Pulses
 from ..protocol.quantise import quantise
@@ -41,7 +41,7 @@ WARM_UP_POSES = 20
 SWAY = 2e-3  # metres by which the hands move to and fro, so that no pose was solved before
 SWAY_POSES = 50  # to and fro
 POSE_SECONDS = 1e-3
-COLOURS = {"host": "#E69F00", "USB": "#0072B2", "device": "#009E73"}  # of Okabe and Ito
+COLOURS = {"host": ORANGE, "USB": BLUE, "device": GREEN}
 MICROSECONDS = 1e6
 DEVICE_ROWS = (
     ("packet on the bus", "USB", ("packet",)),
@@ -186,7 +186,6 @@ def _follow(
     return np.diff(marks).tolist(), len(touch.points)
 
 
-@printed()
 def draw_touch_latency(latency: TouchLatency) -> Figure:
     """The time line from the time stamp to the outputs: the median of the host's stages, then those of the device."""
     rows = latency.rows()

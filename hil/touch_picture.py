@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..pictures import LANDSCAPE, new_figure, printed, save_figure
+from ..pictures import BLUE, GREEN, INK, LANDSCAPE, LIGHT, MM, ON_FIELD, ORANGE, RED, new_figure, save_figure
 from ..solver import Medium, Modulation, PlaneField, TransducerArray, intensity_component, pressure, sample_cut
 from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
+from ..solver.contact.silhouette import seen_along
 from ..solver.contact.touch import Touch
 from ..solver.fields.grid import Grid
 from ..solver.geometry import counted
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = ["outline", "plane_of", "save_touch_picture"]
 
-MM = 1e3
 ELEVATION, AZIMUTH = 24.0, -62.0  # degrees, the direction of view
 SHARP = np.cos(np.radians(25.0))  # faces that meet at a larger angle make an edge that is drawn
 MARGIN = 0.03  # metres around the control points on the plane of the field
@@ -32,16 +32,14 @@ CLEARANCE = 0.02  # metres between that plane and the array
 STEP = 1e-3  # metres
 IN_PLANE = 10e-3  # metres from the plane at which a thing is drawn in it
 
-# From the palette of Okabe and Ito, which people with any colour vision can tell apart; markers differ as well.
-OBJECT, HAND, ARC = "#555555", "#E69F00", "#0072B2"
-HALVES = (("points of the first half", "#D55E00", "o"), ("points of the second half", "#009E73", "^"))
-WHOLE = (("control points", "#D55E00", "o"),)
+OBJECT, HAND, ARC = INK, ORANGE, BLUE
+HALVES = (("points of the first half", RED, "o"), ("points of the second half", GREEN, "^"))
+WHOLE = (("control points", RED, "o"),)
 
 Kinds = Sequence[tuple[str, str, str]]
 """Label, colour and marker of each kind of points."""
 
 
-@printed()
 def save_touch_picture(
     path: FilePath,
     hands: Sequence[Hand],
@@ -49,7 +47,7 @@ def save_touch_picture(
     touch: Touch,
     emitted: Modulation,
     array: TransducerArray,
-    source: str,
+    source: str | None,
 ) -> None:
     """Draw what touches what, and the resulting field.
 
@@ -65,8 +63,8 @@ def save_touch_picture(
         What the device plays: its drives rebuilt from bits or from pulses that were read back.
     array : TransducerArray
         The array that plays it.
-    source : str
-        The source of the drives, for the caption.
+    source : str or None
+        What the drives were rebuilt from, for the caption; None if they are as solved.
 
     Raises
     ------
@@ -75,28 +73,30 @@ def save_touch_picture(
     """
     if touch.points is None:
         raise ValueError("no hand touches an object: there is no field to draw")
-    from matplotlib import rc_context  # importing matplotlib takes as long as everything else together
-
     at = touch.points.positions
-    fields = np.abs([pressure(array, drive, at) for drive in emitted.weights @ emitted.drives])
+    fields = np.abs([pressure(array, drive, at) for drive in _sounding(emitted)])
     kinds: Kinds = HALVES if len(fields) == 2 else WHOLE
     louder = fields.argmax(axis=0) if len(fields) == 2 else np.zeros(len(at), np.intp)
     grid = plane_of(at, float(array.positions[:, 2].max()))
     figure = new_figure(5.6, LANDSCAPE)
     sides = figure.add_gridspec(1, 2, width_ratios=[1, 1.08])
     left, right = figure.add_subfigure(sides[0]), figure.add_subfigure(sides[1])
-    with rc_context({"grid.color": "0.88"}):  # three-dimensional axes need it when they are made
-        space: Axes3D = left.add_subplot(projection="3d")
+    space: Axes3D = left.add_subplot(projection="3d")
     _draw_scene(space, hands, objects, touch, kinds, louder, array, grid)
     axes = right.subplots()
     _draw_plane(axes, hands, touch, kinds, louder, emitted, array, grid)
-    handles = {
-        label: handle for each in (space, axes) for handle, label in zip(*each.get_legend_handles_labels(), strict=True)
-    }
-    left.legend(handles.values(), handles, loc="outside lower center", ncols=2, frameon=False, fontsize="small")
+    left.legend(
+        *space.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False, fontsize="small"
+    )
     figure.suptitle(f"{counted(len(at), 'control point')} on {counted(len(touch.arcs), 'arc')}")
     figure.supxlabel(_caption(touch, fields.max(axis=0), emitted, array, source), fontsize="medium")
     save_figure(figure, path)
+
+
+def _sounding(emitted: Modulation) -> NDArray[np.complex128]:
+    """The drives of all samples that are not silent, (s, n)."""
+    drives = emitted.weights @ emitted.drives
+    return drives[drives.any(axis=1)] if drives.any() else drives[:1]
 
 
 def plane_of(points: NDArray[np.float64], floor: float) -> Grid:
@@ -193,9 +193,7 @@ def _draw_scene(
             if len(lines):
                 axes.add_collection3d(Line3DCollection(lines * MM, colors=OBJECT, linewidths=1.1, linestyles=style))
     for hand in hands:
-        axes.add_collection3d(
-            Poly3DCollection(hand.quads * MM, facecolors=HAND, edgecolors=HAND, alpha=0.28, linewidths=0.8)
-        )
+        axes.add_collection3d(Poly3DCollection(hand.quads * MM, facecolors=HAND, alpha=0.35, linewidths=0))
     half, (first, second) = grid.offsets(0)[-1], grid.axes
     frame = grid.centre + half * np.array(
         [a * first + b * second for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
@@ -211,10 +209,12 @@ def _draw_scene(
     shown = [array.positions, *(mesh.vertices for mesh in objects), *(hand.quads.reshape(-1, 3) for hand in hands)]
     low, high = (getattr(np.concatenate(shown), which)(axis=0) * MM for which in ("min", "max"))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set(xlabel="x / mm", ylabel="y / mm", zlabel="z / mm", box_aspect=high - low)
+    axes.set(xlabel="x / mm", ylabel="y / mm", zlabel="z / mm")
+    axes.set_box_aspect(high - low, zoom=0.9)  # its labels lie outside
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_major_locator(MultipleLocator(50))
         axis.set_pane_color("w")
+        axis._axinfo["grid"]["color"] = "0.88"  # a setting of matplotlib otherwise, which all threads share
         axis.set_tick_params(labelsize="small")
     axes.set_proj_type("ortho")
     axes.view_init(ELEVATION, AZIMUTH)
@@ -232,7 +232,7 @@ def _draw_plane(
 ) -> None:
     """Draw the largest |p| of all fields in turn over the plane, and what lies in it."""
     assert touch.points is not None
-    fields = np.stack([sample_cut(array, drive, grid).pressure for drive in emitted.weights @ emitted.drives])
+    fields = np.stack([sample_cut(array, drive, grid).pressure for drive in _sounding(emitted)])
     largest = np.take_along_axis(fields, np.abs(fields).argmax(axis=0)[None], axis=0)[0]
     PlaneField(grid, largest, Medium()).plot(axes)
     shift = np.array([grid.coordinates(axis)[1][0] - grid.offsets(axis)[0] for axis in (0, 1)])
@@ -243,12 +243,14 @@ def _draw_plane(
     def near(places: NDArray[np.float64]) -> NDArray[np.bool_]:
         return np.abs((places - grid.centre) @ grid.normal) < IN_PLANE
 
-    for hand in hands:
-        for quad in hand.quads:
-            if near(quad).all():
-                axes.fill(*flat(quad).T, fill=False, edgecolor="w", alpha=0.5, linewidth=0.7)
-    for arc in touch.arcs:
-        axes.plot(*np.where(near(arc)[:, None], flat(arc), np.nan).T, color="#7fdfff", linewidth=0.8)
+    for number, hand in enumerate(hands):
+        for line in seen_along(hand, grid.axes):
+            shown = (line - grid.axes @ grid.centre + shift) * MM
+            axes.fill(*shown.T, fill=False, edgecolor="w", alpha=0.8, linewidth=0.9, label=None if number else "hand")
+    for number, arc in enumerate(touch.arcs):
+        cut = np.where(near(arc)[:, None], flat(arc), np.nan)
+        axes.plot(*cut.T, color=LIGHT, linewidth=0.8, label=None if number else "arcs")
+    axes.legend(loc="upper right", **ON_FIELD)
     at = touch.points.positions
     for kind, (_, colour, marker) in enumerate(kinds):
         mine = at[(louder == kind) & near(at)]
@@ -267,12 +269,12 @@ def _name_of(grid: Grid, fields: int) -> str:
     where = (
         f"{grid.centre[2] * MM:.0f} mm above the array" if tilt < 0.05 else f"tilted by {tilt:.0f}° about ({centre}) mm"
     )
-    which = "Larger |p| of both halves" if fields == 2 else f"Largest |p| of {counted(fields, 'field')}"
+    which = {1: "|p|", 2: "Larger |p| of both halves"}.get(fields, f"Largest |p| of {fields} fields")
     return f"{which} on the plane nearest to the points,\n{where}"
 
 
 def _caption(
-    touch: Touch, loudest: NDArray[np.float64], emitted: Modulation, array: TransducerArray, source: str
+    touch: Touch, loudest: NDArray[np.float64], emitted: Modulation, array: TransducerArray, source: str | None
 ) -> str:
     assert touch.points is not None
     length = sum(float(np.linalg.norm(np.diff(arc, axis=0), axis=1).sum()) for arc in touch.arcs)
@@ -285,5 +287,5 @@ def _caption(
         f"{loudest.min():.0f} to {loudest.max():.0f} Pa (peak, linear model).\nThe intensity changes at "
         f"{frequency:.4g} Hz by {felt.mean() / 1e6:.2f} kPa² on average, {felt.min() / 1e6:.2f} kPa² at "
         f"the weakest.\n"
-        f"Field as emitted: drives rebuilt from {source}."
+        + (f"Field as emitted: drives rebuilt from {source}." if source else "Field of the drives as solved.")
     )

@@ -64,8 +64,8 @@ def _drawn(canvas: Any) -> list[Line]:
         draw_text(gc, x, y, s, prop, angle, ismath, mtext)
 
     renderer.draw_text = spy
-    with printed():
-        canvas.draw()
+    printed(canvas.figure)
+    canvas.draw()
     return [line for line in found if line.text.strip()]
 
 

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import runpy
 from collections.abc import Callable
-from functools import partial
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib import pyplot
+from matplotlib import pyplot, rc_context, rcParams
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.path import Path as MplPath
 from phasewire import (
     Capture,
     Circle,
@@ -33,10 +37,12 @@ from phasewire import (
 )
 from phasewire.cli.budget import draw_budget
 from phasewire.emulator.timeline import draw_timeline, way_of_an_update
+from phasewire.feel.drawing import draw_intensity
 from phasewire.feel.pictures import save_felt_picture
+from phasewire.feel.unfolding import Unfolded
 from phasewire.hil.end_to_end import run_end_to_end
 from phasewire.hil.picture import save_end_to_end_picture
-from phasewire.hil.sensing import sense, skin_over
+from phasewire.hil.sensing import Sensation, sense, skin_over
 from phasewire.hil.sensing_picture import save_sensation_picture
 from phasewire.hil.study.picture import draw_study
 from phasewire.hil.sweep.design import FIELDS
@@ -45,7 +51,7 @@ from phasewire.hil.sweep.picture import draw_sweep
 from phasewire.hil.sweep.results import Results
 from phasewire.hil.touch_latency import draw_touch_latency, measure_touch_latency
 from phasewire.hil.touch_picture import save_touch_picture
-from phasewire.pictures import COLUMN, LANDSCAPE
+from phasewire.pictures import COLUMN, LANDSCAPE, SKIN, new_figure, printed, save_figure
 from phasewire.protocol.timing import LINKS, Budget
 from phasewire.solver import two_sided
 from phasewire.solver.contact.touch import Toucher
@@ -112,14 +118,18 @@ def touched() -> None:
     save_touch_picture(FILE, [HAND], [CUBE], felt, two_sided(ARRAY, felt.points).modulation, ARRAY, source)
 
 
-def felt(ways: int) -> None:
-    """By one way the felt map alone, by several how they compare."""
+@cache
+def sensed(name: str) -> Sensation:
     outline = Outline.of(Circle(radius=0.02))
-    names = ("two-sided:envelope=square", "am", "lm", "stm")[:ways]
-    found = {name: sense(render(ARRAY, outline, name), skin_over(outline)) for name in names}
-    if ways == 1:
-        save_felt_picture(FILE, found[names[0]].felt, "A circle of 4 cm, as emulated boards emit it")
+    return sense(render(ARRAY, outline, name), skin_over(outline))
+
+
+def felt(ways: int) -> None:
+    """By no way the felt map alone, by some how they compare."""
+    if ways == 0:
+        save_felt_picture(FILE, sensed("stm").felt, "A circle of 4 cm, as emulated boards emit it")
     else:
+        found = {name: sensed(name) for name in ("two-sided:envelope=square", "am", "lm", "stm")[:ways]}
         save_sensation_picture(FILE, found, "circle:radius=0.02: felt and heard, by the bits of emulated boards")
 
 
@@ -160,15 +170,17 @@ PICTURES: dict[str, tuple[Callable[[], object], float]] = {
     "volume": (volume, COLUMN),
     "subplots": (lambda: subplots(solve(ARRAY, Star()).plot, star("wgs").plot), LANDSCAPE),
     "subplots of a capture": (lambda: subplots(star("wgs").plot, played().plot), LANDSCAPE),
-    "felt": (lambda: felt(1), LANDSCAPE),
-    "felt, two ways": (lambda: felt(2), LANDSCAPE),
-    "felt, four ways": (lambda: felt(4), LANDSCAPE),
+    "felt": (lambda: felt(0), LANDSCAPE),
+    **{f"felt, ways: {ways}": (partial(felt, ways), LANDSCAPE) for ways in (1, 2, 3, 4)},
     "figure 4": (lambda: draw_figure_4(reproduce_figure_4()), COLUMN),
     "figure 6": (lambda: draw_figure_6(reproduce_figure_6()), COLUMN),
     "figure 6, oil": (lambda: draw_figure_6(reproduce_figure_6(), OIL), COLUMN),
     "figure 7": (figure_7, COLUMN),
     "range": (lambda: draw_range(reproduce_range()), COLUMN),
-    "ring up": (lambda: runpy.run_path(str(ROOT / "examples" / "ring_up.py")), COLUMN),
+    **{
+        name: (partial(runpy.run_path, str(ROOT / "examples" / f"{name}.py")), width)
+        for name, width in (("ring_up", COLUMN), ("button_panel", LANDSCAPE), ("mesh_in_hand", LANDSCAPE))
+    },
     "sweep": (swept, LANDSCAPE),
     "study": (lambda: draw_study(made_up()), COLUMN),
     "timeline": (lambda: draw_timeline(way_of_an_update(Emulator()), "One update"), LANDSCAPE),
@@ -250,6 +262,75 @@ def test_fields_are_compared_on_one_scale() -> None:
     assert (left.get_title(), right.get_title()) == ("wgs", "tikhonov")
 
 
+def test_threads_that_draw_leave_the_user_s_settings_alone(tmp_path: Path) -> None:
+    before, seen, points = dict(rcParams), list[dict[str, object]](), Star().sample()
+
+    def draw(number: int) -> None:
+        figure = new_figure(1, 1)
+        figure.subplots().set_title("Title")
+        save_figure(figure, tmp_path / f"{number}.png")
+        points._repr_png_()
+
+    with ThreadPoolExecutor(8) as pool:
+        drawn = [pool.submit(draw, number) for number in range(8)]
+        while not all(each.done() for each in drawn):
+            seen.append(dict(rcParams))
+    assert [each.result() for each in drawn] == [None] * 8
+    assert dict(rcParams) == before
+    assert all(each == before for each in seen)
+
+
+@pytest.mark.parametrize("settings", [{}, {"font.size": 20.0, "axes.titlesize": 30.0, "figure.titlesize": "small"}])
+def test_text_has_its_size_on_paper_whatever_the_user_s_settings_are(settings: Any) -> None:
+    with rc_context(settings):
+        figure = new_figure(2)
+        axes = figure.subplots()
+        axes.plot([0, 1], label="line")
+        axes.set(title="Title", xlabel="x / mm")
+        axes.tick_params("y", labelsize="small")
+        legend, headline = axes.legend(fontsize="small"), figure.suptitle("Headline")
+        printed(printed(figure)).draw_without_rendering()
+    texts = (
+        axes.title,
+        axes.xaxis.label,
+        *axes.get_xticklabels(),
+        *axes.get_yticklabels(),
+        *legend.get_texts(),
+        headline,
+    )
+    usual, small = [8.5] * (2 + len(axes.get_xticklabels())), [8.5 * 0.833] * (len(axes.get_yticklabels()) + 1)
+    assert [each.get_fontsize() for each in texts] == pytest.approx([*usual, *small, 8.5 * 1.2])
+
+
+@pytest.mark.parametrize("hand", [Hand.flat(), Hand.flat(side="left", length=0.16)], ids=["right", "left"])
+def test_a_hand_is_drawn_by_one_smooth_line_around_its_skin(hand: Hand) -> None:
+    skin = Unfolded.of(hand)
+    (line,) = skin.outline
+    rows, columns = np.nonzero(skin.mask)
+    cells = (np.stack([columns, rows], axis=1) + 0.5) * skin.spacing
+    assert MplPath(line).contains_points(cells).mean() > 0.98  # but for the corners of square fingertips
+    assert np.ptp(line, axis=0) == pytest.approx(np.array(skin.mask.shape[::-1]) * skin.spacing, abs=0.01)
+    way = np.cumsum(np.hypot(*np.diff(line, axis=0, prepend=line[:1]).T))
+    even = np.stack([np.interp(np.arange(0, way[-1], 2e-3), way, along) for along in line.T], axis=1)
+    sides = np.diff(even, axis=0)
+    turns = np.degrees(np.abs(np.angle((sides @ [1, 1j])[1:] / (sides @ [1, 1j])[:-1])))
+    assert np.count_nonzero(turns > 45) <= 12  # four webs may be sharp; squares have more than 30 corners
+
+
+def test_a_felt_map_shows_what_is_felt_from_the_threshold_on() -> None:
+    skin = Unfolded.of(Hand.flat())
+    intensity = np.linspace(0.5, 8, len(skin.positions))
+    axes = Figure().subplots()
+    image = draw_intensity(axes, skin, intensity)
+    shown = np.asarray(image.get_array())
+    np.testing.assert_array_equal(shown[skin.mask], intensity)
+    assert np.isfinite(shown).all()
+    assert image.get_clim() == (1, 8)
+    unfelt, felt = (to_hex(image.cmap(float(image.norm(level)))) for level in (0.99, 1.01))
+    assert unfelt == SKIN != felt
+    assert axes.get_legend_handles_labels()[1] == ["skin, laid out", "threshold: felt inside"]
+
+
 def test_the_judge_finds_faults() -> None:
     figure = Figure(figsize=(7, 4))
     axes = figure.subplots()
@@ -263,7 +344,7 @@ def test_the_judge_finds_faults() -> None:
     found = "; ".join(faults_of(figure))
     for fault in (
         "' is cut",
-        "'other': 5.0 pt",
+        "'other': 4.2 pt",
         "'one' overlaps 'other'",
         "no unit",
         "few colours",
@@ -271,7 +352,7 @@ def test_the_judge_finds_faults() -> None:
     ):
         assert fault in found
     figure.set_size_inches(14, 8)
-    assert "'one': 5.1 pt" in "; ".join(faults_of(figure))
+    assert "'one': 4.3 pt" in "; ".join(faults_of(figure))
 
 
 def test_no_committed_picture_is_reduced_to_a_palette() -> None:

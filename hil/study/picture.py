@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...pictures import new_figure, printed
+from ...pictures import BLUE, ORANGE, new_figure
 from .judging import PAPER_TRIALS, TABLE_1, Confusion
 from .pointer import HAJAS, WAYS
 
@@ -19,10 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_study"]
 
-OURS, THEIRS = "#0072B2", "#E69F00"  # of Okabe and Ito
+OURS, THEIRS = BLUE, ORANGE
 
 
-@printed()
 def draw_study(study: Study) -> Figure:
     """The confusion matrix as counts, right answers by shape beside the paper's, and outline against pointer."""
     figure = new_figure(6.4)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...pictures import LANDSCAPE, new_figure, printed
+from ...pictures import BLUE, LANDSCAPE, new_figure
 from .design import FIELDS
 from .results import PROBLEM, Results
 
@@ -81,7 +81,6 @@ def drawn_fields(columns: Mapping[str, Sequence[object]]) -> dict[str, list[str]
     return drawn
 
 
-@printed()
 def draw_sweep(results: Results, headline: str) -> Figure:
     """Draw the median over all rows with the same value of a field, and where eight tenths of them lie.
 
@@ -124,8 +123,8 @@ def _draw(axes: Axes, results: Results, name: str, panel: Panel, rows: NDArray[n
         above.append(high)
     is_number = all(isinstance(value, (int, float)) for value in values)
     at = values if is_number else list(range(len(values)))
-    axes.fill_between(at, below, above, color="#0072B2", alpha=0.2, linewidth=0)
-    axes.plot(at, middle, color="#0072B2", marker="o", markersize=3, linewidth=1.2)
+    axes.fill_between(at, below, above, color=BLUE, alpha=0.2, linewidth=0)
+    axes.plot(at, middle, color=BLUE, marker="o", markersize=3, linewidth=1.2)
     axes.grid(color="0.9")
     if not is_number:
         names = ["default" if value is None else str(value) for value in values]

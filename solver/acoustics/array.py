@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...pictures import MM, Drawable, axes_or_new, colour_bar
+from ...pictures import CYCLIC, MM, Drawable, axes_or_new, colour_bar
 from ..arguments import check_positive, instance_of
 from ..geometry import WIDEST, Movable, Scalar, as_points, counted, extent, frozen
 from .transducer import Transducer
@@ -176,7 +176,7 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
         else:
             drives = self._for_each("drive", drive, np.complex128)
             title, sizes, colours = "Drive of the array", 4 + 66 * np.abs(drives), np.degrees(np.angle(drives))
-            look = {"cmap": "twilight_shifted", "vmin": -180, "vmax": 180, "edgecolors": "0.5", "linewidths": 0.5}
+            look = {"cmap": CYCLIC, "vmin": -180, "vmax": 180, "edgecolors": "0.5", "linewidths": 0.5}
         down = self.normals[:, 2] < 0
         note = " (larger dots look down)" if down.any() else ""
         axes, look = axes_or_new(ax), look | style

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...pictures import MM, axes_or_new, colour_bar, fixed_size
+from ...pictures import LIGHT, MM, ON_FIELD, SEQUENTIAL, axes_or_new, colour_bar, fixed_size
 from ..methods.solve import Wanted, control_points
 from ..shapes.points import ControlPoints
 from .grid import Grid
@@ -48,7 +48,7 @@ def draw_plane(
     values = what.of(field.pressure, field.medium)
     axes, title = axes_or_new(ax), style.pop("title", f"{what.name} {_where(field.grid)}")
     end = float(values.max()) if largest is None else largest
-    look: dict[str, Any] = {"cmap": "inferno", "vmin": 0, "vmax": end or None, "interpolation": "bicubic"}
+    look: dict[str, Any] = {"cmap": SEQUENTIAL, "vmin": 0, "vmax": end or None, "interpolation": "bicubic"}
     image = axes.imshow(values, origin="lower", extent=_edges(field.grid), **look | style)
     _finish(axes, field.grid, marked, title)
     rows, columns = values.shape
@@ -121,7 +121,7 @@ def _edges(grid: Grid) -> tuple[float, float, float, float]:
     return left, right, bottom, top
 
 
-def _finish(axes: Axes, grid: Grid, points: ControlPoints | None, title: str, colour: str = "#7fdfff") -> None:
+def _finish(axes: Axes, grid: Grid, points: ControlPoints | None, title: str, colour: str = LIGHT) -> None:
     """Add the control points in the plane, the title and the labels of the axes."""
     left, right, bottom, top = _edges(grid)
     if points is not None:
@@ -130,7 +130,7 @@ def _finish(axes: Axes, grid: Grid, points: ControlPoints | None, title: str, co
         shift = [grid.coordinates(axis)[1][0] - grid.offsets(axis)[0] for axis in (0, 1)]
         axes.plot(*((near + shift) * MM).T, "o", mfc="none", mec=colour, ms=9, mew=1.0, label="control points")
         if len(near):
-            axes.legend(loc="upper right", fontsize="small", facecolor="0.15", labelcolor="w", framealpha=0.7)
+            axes.legend(loc="upper right", **ON_FIELD)
         axes.set(xlim=(left, right), ylim=(bottom, top))
     names = [grid.coordinates(axis)[0] for axis in (0, 1)]
     axes.set(title=title, xlabel=f"{names[0]} / mm", ylabel=f"{names[1]} / mm")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...pictures import new_figure, printed
+from ...pictures import SEQUENTIAL, new_figure
 from ..fields.drawing import draw_oil
 from ..fields.field import PlaneField
 from .figures import SHAPES_OF_FIGURE_6, TECHNIQUES, AtHeight, Figure4, Rendering, Timing
@@ -31,7 +31,7 @@ def _show(axes: Axes, field: PlaneField, loudest: float) -> AxesImage:
         np.abs(field.pressure),
         origin="lower",
         extent=(x[0], x[-1], y[0], y[-1]),
-        cmap="inferno",
+        cmap=SEQUENTIAL,
         vmin=0,
         vmax=loudest,
         interpolation="bicubic",
@@ -42,7 +42,6 @@ def _loudest(fields: Iterable[PlaneField]) -> float:
     return max(float(np.abs(field.pressure).max()) for field in fields)
 
 
-@printed()
 def draw_figure_6(panels: Sequence[Rendering], quantity: str = "pressure") -> Figure:
     """A row per technique and a column per shape: |p| on one scale, or the oil that it pushes."""
     figure = new_figure(8.1)
@@ -73,7 +72,6 @@ def draw_figure_6(panels: Sequence[Rendering], quantity: str = "pressure") -> Fi
     return figure
 
 
-@printed()
 def draw_figure_7(timings: Sequence[Timing], machine: str) -> Figure:
     """Time of an update against the number of control points, both in decades."""
     figure = new_figure(4.7)
@@ -97,7 +95,6 @@ def draw_figure_7(timings: Sequence[Timing], machine: str) -> Figure:
     return figure
 
 
-@printed()
 def draw_range(found: Sequence[AtHeight]) -> Figure:
     """Strength, sharpness and contrast against the height; the paper's working range is shaded."""
     figure = new_figure(6.3)
@@ -121,7 +118,6 @@ def draw_range(found: Sequence[AtHeight]) -> Figure:
     return figure
 
 
-@printed()
 def draw_figure_4(what: Figure4) -> Figure:
     """The two halves, and the component of the intensity that is felt, by both halves in turn and by on and off."""
     figure = new_figure(6.3)

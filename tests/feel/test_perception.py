@@ -237,11 +237,8 @@ def test_a_felt_map_says_and_shows_what_it_is(array: TransducerArray) -> None:
     assert re.fullmatch(r"largest vibration there [\d.]+ µm at 200 Hz", lines[1])
     assert re.fullmatch(r"felt at \d+ % of 1\d{3} places", lines[2])
     axes = felt.plot(Figure().subplots(), title="here")
-    image = axes.images[0].get_array()
     assert axes.get_title() == "here"
-    assert image is not None
-    assert float(image.max()) == pytest.approx(felt.intensity.max())
-    assert int((~np.ma.getmaskarray(image)).sum()) == len(felt.intensity)
+    assert axes.images[0].get_clim() == (1, pytest.approx(max(2.0, felt.intensity.max())))
 
 
 def test_the_picture_of_a_felt_map_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
