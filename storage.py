@@ -7,6 +7,7 @@ import os
 import secrets
 import stat
 import struct
+import sys
 import tomllib
 import zlib
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
@@ -14,12 +15,22 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, TypeAlias
+from typing import Any, BinaryIO, TextIO, TypeAlias
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 from .errors import InputFileError
 
-__all__ = ["FilePath", "check_outputs", "open_plain", "open_zip", "read_file", "read_text", "read_toml", "replacing"]
+__all__ = [
+    "FilePath",
+    "check_outputs",
+    "open_plain",
+    "open_zip",
+    "read_file",
+    "read_text",
+    "read_toml",
+    "replacing",
+    "standard_input",
+]
 
 FilePath: TypeAlias = str | os.PathLike[str]
 """The name of a file: text or a `Path`. Every public function that takes one takes both."""
@@ -30,6 +41,19 @@ MOST_TOML_LINE = 1024
 """Bytes. The time that tomllib takes for a key grows with the square of its dots."""
 MOST_TOML_DEPTH = 16
 _BLAMELESS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # errors of a write that name no file
+
+
+def standard_input() -> TextIO:
+    """Standard input.
+
+    Raises
+    ------
+    InputFileError
+        If it is closed, as by ``<&-``.
+    """
+    if sys.stdin is None:
+        raise InputFileError("standard input is closed; give it a file or a pipe, or name a file instead of -")
+    return sys.stdin
 
 
 def read_file(path: FilePath, most_bytes: int) -> bytes:

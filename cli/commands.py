@@ -63,12 +63,13 @@ PANELS = {
     "Points and fields": {
         "solve": Home("solving", "Find the drives that make a shape, and write them to a file."),
         "field": Home(
-            "solving", "Compute the field of a solved file over a plane or a box, as a picture or as numbers."
+            "solving",
+            "Compute the field of a solved file or a shape over a plane or a box, as a picture or as numbers.",
         ),
         "focus": Home(
             "solving",
-            "Report the result of a solved file's control points: strength, place and sharpness, "
-            "missing ones and ghosts.",
+            "Report the result at control points, of a solved file or a shape: strength, sharpness, missing ones and "
+            "ghosts.",
         ),
         "reproduce": Home("reproduce", "Compute a figure of the paper again."),
         "feel": Home(
@@ -306,6 +307,11 @@ def run(arguments: Sequence[str]) -> None:
             command_line()(args=arguments, prog_name="phasewire")
         except MemoryError:
             complain("not enough memory; ask for fewer points or transducers")
+            sys.exit(WRONG_USE)
+        except RuntimeError as error:
+            if "can't start new thread" not in str(error):  # as the interpreter says it
+                raise
+            complain("the system starts no more threads for this user; end other programs, or raise `ulimit -u`")
             sys.exit(WRONG_USE)
         except (PhasewireError, ValueError, OSError) as error:
             complain(message(error))

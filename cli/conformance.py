@@ -307,7 +307,7 @@ def _list(json_target: str | None, only: tuple[str, ...], meaningless: list[str]
     matrix = Matrix.of(entry.claim for entry in selected(catalogue(), only))
     if only:
         matrix = matrix.shown()
-    print_list(console_for(json_target), matrix.table())
+    print_list(console_for(json_target), matrix.table(), "clause")
     write_json(json_target, {"format": LIST_FORMAT} | matrix.record())
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 
@@ -20,6 +21,8 @@ __all__ = ["JsonOption", "among", "console_for", "error_console", "given", "prin
 
 LIST_COLUMNS = 10_000
 """Wide enough for every name and reason."""
+LEAST_COLUMN, BETWEEN = 8, 3
+"""Characters: the least width of a column that folds, and from one column to the next."""
 
 JsonOption = Annotated[
     str | None,
@@ -47,11 +50,24 @@ def _console(on_standard_error: bool) -> Console:
     return _Console(stderr=on_standard_error, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
-def print_list(out: Console, table: Table) -> None:
-    """Print a table with long names: a terminal folds them; elsewhere each is whole on its line, to be searched."""
+def print_list(out: Console, table: Table, *whole: str) -> None:
+    """Print a table with long names: a terminal folds them, elsewhere each row is a line, to be searched.
+
+    Parameters
+    ----------
+    out, table
+        The console and the table.
+    *whole : str
+        Headers of columns whose texts people copy, such as URLs: they are never folded. A terminal that is too narrow
+        for that gets the rows as elsewhere, and breaks them itself.
+    """
+    needed = 1
     for column in table.columns:
         column.overflow = "fold"
-    if not out.is_terminal:
+        column.no_wrap = column.header in whole
+        longest = max(cell_len(str(text)) for text in (column.header, *column.cells))
+        needed += BETWEEN + (longest if column.no_wrap else min(longest, LEAST_COLUMN))
+    if not out.is_terminal or needed > out.width:
         out.width = LIST_COLUMNS
     out.print(table)
 

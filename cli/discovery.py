@@ -59,7 +59,7 @@ def devices(
                 each.location,
                 each.problem or "",
             )
-        print_list(console_for(json_target), table)
+        print_list(console_for(json_target), table, "url", "serial number")
     record = {"format": "phasewire-devices-1", "devices": [asdict(each) for each in found], "failures": dict(failures)}
     write_json(json_target, record)
     if not found:

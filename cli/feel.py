@@ -47,7 +47,7 @@ def feel(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="A shape such as circle:radius=0.03, or a file of points.",
+            help="A shape such as circle:radius=0.03, a file of points, or - for points on standard input.",
             autocompletion=shapes_and_files(POINT_FILES),
         ),
     ],

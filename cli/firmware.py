@@ -32,7 +32,7 @@ from ..protocol.versions import Version
 from ..signals import loading
 from ..storage import check_outputs, replacing
 from ..storage import read_file as read_bounded
-from .console import JsonOption, console_for, error_console, write_json
+from .console import JsonOption, console_for, error_console, print_list, write_json
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -131,12 +131,12 @@ def inspect(
         ("release", _id_text(suffix.release)),
     ):
         summary.add_row(label, value)
-    segments = Table("target", Column("bytes", justify="right"), "CRC-32", Column("SHA-256", overflow="fold"))
+    segments = Table("target", Column("bytes", justify="right"), "CRC-32", "SHA-256")
     for entry in header.entries:
         segments.add_row(Target(entry.target).name, str(entry.size), f"{entry.checksum:08x}", entry.digest.hex())
     out = console_for(json_target)
     out.print(summary)
-    out.print(segments)
+    print_list(out, segments, "CRC-32", "SHA-256")
     write_json(json_target, _record(file, image, suffix) | {"signature": verdict._asdict()})
 
 

@@ -165,7 +165,7 @@ def _list(device: str, json_target: str | None) -> None:
         bank = each.bank.name if each.bank else "–"
         table.add_row(each.url, each.product, each.mode, str(each.firmware), bank, each.problem or "")
     if found:
-        print_list(console_for(json_target), table)
+        print_list(console_for(json_target), table, "url")
     devices = [plain(each._asdict()) | {"firmware": str(each.firmware)} for each in found]
     write_json(json_target, {"format": "phasewire-flash-list-1", "devices": devices})
     if not found:

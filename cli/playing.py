@@ -38,7 +38,7 @@ from ..host.playing.recording import SUFFIX, Recording, record
 from ..host.playing.streaming import LOOK_AHEAD_SECONDS, StreamReport
 from ..protocol.board import CARRIER_HZ
 from ..protocol.plain import plain
-from ..solver import Cycle, Medium, Outline, Renderer, TransducerArray
+from ..solver import ControlPoints, Cycle, Medium, Outline, Renderer, Solver, TransducerArray
 from ..solver.methods.methods import METHODS
 from ..solver.rendering.cycle import MOST_FRAMES
 from ..solver.rendering.renderer import LEAST_FRAMES
@@ -59,9 +59,9 @@ from .options import (
     open_any,
     rig_file,
 )
-from .points import ArrayOption, files_in, load_array, read_outline, shapes_and_files
+from .points import ARCHIVE, ArrayOption, files_in, load_array, read_outline, read_source, shapes_and_files
 from .rendering import RENDER_HELP, SQUARE, RenderOption
-from .sources import ARCHIVE, Source, check_options, frames_of, open_file, open_source
+from .sources import Source, check_options, frames_of, open_source
 from .viewing import ViewOption, viewed_device, watching
 
 __all__ = ["commands"]
@@ -210,36 +210,41 @@ class Meter:
             self._console.print(str(self.last))
 
 
-@commands.command(epilog="Example: phasewire show sphere.npz --seconds 2")
+@commands.command(epilog="Example: phasewire show circle:radius=0.02 --seconds 2")
 def show(
     context: typer.Context,
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", help="A solved file, or an .npz file with the arrays phase and width, (320,)."),
-    ],
+    source: SourceArgument,
     device: DeviceOption = DEFAULT_URL,
     seconds: SecondsOption = SECONDS,
     forever: ForeverOption = False,
+    method: MethodOption = "wgs",
+    array: ArrayOption = None,
     calibration: CalibrationOption = None,
     json_target: JsonOption = None,
 ) -> None:
     """Play one frame on a device, and leave its outputs off.
 
-    It is not modulated, so skin hardly feels it: `phasewire stream FILE` plays it modulated at 200 Hz. While it plays,
-    the device gets regular signs of life; if this program dies, the device's watchdog turns the outputs off. The time
-    of an emulated device passes as fast as this computer allows.
+    A shape or points are solved first. The frame is not modulated, so skin hardly feels it: `phasewire stream SOURCE`
+    plays it modulated at 200 Hz. While it plays, the device gets regular signs of life; if this program dies, the
+    device's watchdog turns the outputs off. The time of an emulated device passes as fast as this computer allows.
     """
-    check_outputs([json_target], inputs=[file])
-    with open_file(file) as source:
-        check_options(context, str(file), source)
-        if source.still is None:
-            raise ValueError(f"{file} holds many frames; `phasewire stream {shlex.quote(str(file))}` plays them")
+    check_outputs([json_target], inputs=[*files_in(source), *filter(None, [array])])
+    own = load_array(array)
+    with open_source(source) as what:
+        check_options(context, source, what)
+        if isinstance(what.content, Iterator):
+            what = Source(read_source(source))  # its first line
+        elif what.still is None and not isinstance(what.content, ControlPoints):
+            raise ValueError(f"{source} holds many frames; `phasewire stream {shlex.quote(source)}` plays them")
     with open_any(device, calibration) as opened:
-        check_fit(str(file), source, opened)
-        warn_of_differences(str(file), source.array, source.medium, opened)
-        still = to_pulses(source.still, opened.calibration, opened.channels)  # pulses are not compared
+        check_fit(source, what, opened)
+        warn_of_differences(source, what.array, what.medium, opened)
+        if isinstance(what.content, ControlPoints):
+            what = Source(Solver(array_of(opened, own), method).solve(what.content))
+        assert what.still is not None
+        still = to_pulses(what.still, opened.calibration, opened.channels)  # pulses are not compared
         ack = opened.show(still)
-        message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
+        message = f"{opened.name} plays {source} from carrier period {ack.commit_period}"
         error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"))
         with suppress(KeyboardInterrupt) if forever else nullcontext():
             opened.keep_playing(math.inf if forever else seconds)
@@ -371,7 +376,7 @@ def play(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="A shape such as sphere:radius=0.04, or a file of points.",
+            help="A shape such as sphere:radius=0.04, a file of points, or - for points on standard input.",
             autocompletion=shapes_and_files(POINT_FILES),
         ),
     ],

@@ -32,7 +32,7 @@ def show_rig(path: Path, json_target: str | None) -> None:
         ahead = "" if each.periods_ahead is None else str(each.periods_ahead)
         centre, looks = _triple([1e3 * length for length in each.centre], 1), _triple(each.direction, 2)
         table.add_row(each.name, each.url, each.serial, str(each.transducers), centre, looks, ahead)
-    print_list(out, table)
+    print_list(out, table, "url", "serial")
     for each in devices:
         problem = f"{each.name}: {each.problem}"
         if each.problem and problem != str(error):  # which comes last

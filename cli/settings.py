@@ -21,7 +21,7 @@ from typer.core import TyperGroup, TyperOption
 
 from ..errors import InputFileError
 from ..storage import check_outputs, read_toml
-from .console import JsonOption, console_for, error_console, write_json
+from .console import JsonOption, console_for, error_console, print_list, write_json
 
 __all__ = ["CONFIG_VARIABLE", "commands", "config_path", "defaults_from_file", "each_command"]
 
@@ -307,7 +307,7 @@ def config(
             shown = "" if default.value is None else _toml(default.value)
             own = default.source != "built-in"
             table.add_row(*default[:2], shown, default.source, style="bold" if own else None)
-        out.print(table)
+        print_list(out, table, "command", "option", "default")
     record = {
         "format": FORMAT,
         "file": str(path),

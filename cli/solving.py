@@ -43,7 +43,7 @@ from ..solver.shapes.points import REACH
 from ..solver.shapes.shapes import shape_help
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, given, write_json
-from .points import ArrayOption, files_in, load_array, read_source, shapes_and_files
+from .points import ARCHIVE, ArrayOption, SourceKind, files_in, kind_of, load_array, read_source, shapes_and_files
 
 __all__ = ["commands"]
 
@@ -54,6 +54,26 @@ CLEARANCE = 0.01  # the least distance in metres of a standing plane from the ar
 DEFAULT_TRANSDUCER = "MA40S4S"
 NUMBERS, VTK = ".npz", ".vti"
 DRAWN = (*QUANTITIES, OIL)
+
+
+SolvedArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="A solved file; or a shape, a file of points, or - for points on standard input, which wgs then solves "
+        "for the default array.",
+        autocompletion=shapes_and_files((*POINT_FILES, ARCHIVE)),
+    ),
+]
+
+
+def solved_source(source: str) -> Solution:
+    """The solution in a file, or that of a shape or of points by the default method for the default array."""
+    if kind_of(source) is SourceKind.ARCHIVE:
+        return load_solution(source)
+    points = read_source(source)
+    with error_console().status("solving"):
+        return Solver(TransducerArray.grid()).solve(points)
 
 
 def method_help() -> str:
@@ -136,7 +156,7 @@ def solve_command(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help=f"A shape, or a file of points: {', '.join(POINT_FILES)}.",
+            help=f"A shape, a file of points ({', '.join(POINT_FILES)}), or - for points on standard input.",
             autocompletion=shapes_and_files(POINT_FILES),
         ),
     ],
@@ -261,7 +281,7 @@ def check_field_output(output: Path, plane: str, quantity: str) -> None:
 
 @commands.command(epilog="Example: phasewire field sphere.npz --plane xz --output field.png")
 def field(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A solved file.")],
+    source: SolvedArgument,
     output: Annotated[
         Path,
         typer.Option("--output", "-o", metavar="FILE", help="The .png, .svg, .pdf, .npz or .vti file to write."),
@@ -293,7 +313,7 @@ def field(
     ] = "cpu",
     json_target: JsonOption = None,
 ) -> None:
-    """Compute the field of a solved file over a plane or a box, as a picture or as numbers.
+    """Compute the field of a solved file or a shape over a plane or a box, as a picture or as numbers.
 
     An .npz file holds the complex peak pressure in Pa and the grid; its entry "units" says more. A .vti file is for
     ParaView: amplitude, real and imaginary part of the pressure, intensity and radiation pressure.
@@ -302,8 +322,8 @@ def field(
     its surface under radiation pressure, lit from the side.
     """
     check_field_output(output, plane, quantity)
-    check_outputs([output, json_target], inputs=[file])
-    solution = load_solution(file)
+    check_outputs([output, json_target], inputs=files_in(source))
+    solution = solved_source(source)
     if step is None:
         step = 2e-3 if plane == "box" else 1e-3
     grid = field_grid(solution, plane, at, extent, step)
@@ -348,16 +368,16 @@ def field(
 
 @commands.command(epilog="Example: phasewire focus sphere.npz")
 def focus(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A solved file.")],
+    source: SolvedArgument,
     json_target: JsonOption = None,
 ) -> None:
-    """Report the result of a solved file's control points: strength, place and sharpness, missing ones and ghosts.
+    """Report the result at control points, of a solved file or a shape: strength, sharpness, missing ones and ghosts.
 
     A point is missing if it has at most half its share of the mean pressure; a ghost is a local maximum away from all
     points with more than half the mean. The widths are those at half the pressure along x, y and z.
     """
-    check_outputs([json_target], inputs=[file])
-    solution = load_solution(file)
+    check_outputs([json_target], inputs=files_in(source))
+    solution = solved_source(source)
     with error_console().status("examining the foci"):
         report = focus_report(solution.array, solution.drive, solution.points, solution.medium)
     out = console_for(json_target)
@@ -380,7 +400,7 @@ def focus(
     out.print(f"{believed}.", style=None if believed.linear else "yellow")
     write_json(
         json_target,
-        {"format": "phasewire-focus-1", "file": str(file)} | report.record() | {"validity": believed.record()},
+        {"format": "phasewire-focus-1", "file": source} | report.record() | {"validity": believed.record()},
     )
 
 

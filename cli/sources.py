@@ -10,10 +10,8 @@ a shape, or points    solved live, frame by frame; they may turn
 
 from __future__ import annotations
 
-import json
 import math
-import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count, repeat
 from pathlib import Path
@@ -32,10 +30,9 @@ from ..protocol.quantise import PulseFrames, check_pulses
 from ..solver import ControlPoints, Medium, Solution, Solver, TransducerArray
 from ..solver.fields.files import read_arrays, solution_in
 from .console import error_console, given
-from .points import read_source
+from .points import SourceKind, kind_of, read_source, spoken
 
 __all__ = [
-    "ARCHIVE",
     "Source",
     "check_options",
     "frames_of",
@@ -43,10 +40,6 @@ __all__ = [
     "open_source",
 ]
 
-STANDARD_INPUT = "-"
-MOST_LINE = 2**20
-"""Characters, enough for ten thousand points."""
-ARCHIVE = ".npz"
 HEEDED: dict[str, tuple[tuple[type, ...], str]] = {
     "spin": ((ControlPoints,), "only a shape or a file of points can turn"),
     "render": ((ControlPoints,), "only a shape or a file of points is rendered"),
@@ -105,14 +98,15 @@ class Source(NamedTuple):
 
 @contextmanager
 def open_source(source: str) -> Iterator[Source]:
-    """The content of a shape's notation, of a file or of `STANDARD_INPUT`; errors as `open_file`."""
-    if source == STANDARD_INPUT:
-        yield Source(spoken(iter(lambda: sys.stdin.readline(MOST_LINE + 1), "")))
-    elif Path(source).suffix.lower() in (ARCHIVE, SUFFIX):
-        with open_file(Path(source)) as what:
-            yield what
-    else:
-        yield Source(read_source(source))
+    """The content of a SOURCE, as `kind_of` has it; errors as `open_file`."""
+    match kind_of(source):
+        case SourceKind.STANDARD_INPUT:
+            yield Source(spoken())
+        case SourceKind.ARCHIVE | SourceKind.RECORDING:
+            with open_file(Path(source)) as what:
+                yield what
+        case _:
+            yield Source(read_source(source))
 
 
 @contextmanager
@@ -172,28 +166,6 @@ def _drives(drives: NDArray[Any]) -> NDArray[Any]:
     if drives.ndim != 2 or drives.dtype.kind not in NUMBERS:
         raise ValueError(f"drives must be complex numbers (k, n), not {drives.dtype} {drives.shape}")
     return drives
-
-
-def spoken(lines: Iterable[str]) -> Iterator[ControlPoints]:
-    """Control points from lines of JSON, ``{"positions": [[x, y, z], …], "amplitudes": […]}``, one frame each.
-
-    Raises
-    ------
-    InputFileError
-        If a line is anything else; it is named.
-    """
-    for number, line in enumerate(lines, start=1):
-        if not line.strip():
-            continue
-        try:
-            if len(line) > MOST_LINE:
-                raise ValueError(f"it has more than {MOST_LINE} characters")
-            read = json.loads(line)
-            if not isinstance(read, dict) or not {"positions"} <= set(read) <= {"positions", "amplitudes"}:
-                raise ValueError('it must be {"positions": [[x, y, z], ...], "amplitudes": [...]}')
-            yield ControlPoints(read["positions"], read.get("amplitudes"))
-        except (ValueError, TypeError, RecursionError) as error:
-            raise InputFileError(f"standard input, line {number}: {error}") from error
 
 
 def turning(points: ControlPoints, turns_per_second: float, rate: float) -> Iterator[ControlPoints]:

@@ -99,7 +99,7 @@ def _list_sources(json_target: str | None) -> None:
             listed = {"form": f"{name}:", "help": "", "ready": False, "says": "it cannot be loaded; install it again"}
         table.add_row(str(listed["form"]), str(listed["help"]), "yes" if listed["ready"] else "no", str(listed["says"]))
         sources.append({"scheme": name} | listed)
-    print_list(console_for(json_target), table)
+    print_list(console_for(json_target), table, "source")
     write_json(json_target, {"format": FORMAT, "sources": sources})
 
 

@@ -5,8 +5,11 @@ Run it with ``.venv/bin/python examples/mesh_in_hand.py``. It makes both files i
 
 import numpy as np
 import phasewire as pw
-import trimesh
+from phasewire.extras import needing
 from phasewire.hil.touch_picture import save_touch_picture
+
+with needing("meshes", "this example"):
+    import trimesh
 
 trimesh.creation.torus(major_radius=30, minor_radius=12).apply_translation([0, 0, 170]).export("ring.stl")  # in mm
 np.save("hand.npy", pw.Hand.flat([0, 0, 0.17]).landmarks)  # 21 landmarks as MediaPipe has them, in m

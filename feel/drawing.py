@@ -51,7 +51,7 @@ def draw_intensity(
     rows, columns = np.array(places.mask.shape) * places.spacing * MM
     top = max(LEAST_TOP, float(intensity.max()) if largest is None else largest)
     colours = colormaps[FELT].with_extremes(under=SKIN)
-    colours.colorbar_extend = "min"
+    colours.colorbar_extend = "min"  # type: ignore[assignment]  # the stubs allow only its default, False
     look: dict[str, Any] = {
         "cmap": colours,
         "norm": LogNorm(1, top),

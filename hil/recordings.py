@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +12,7 @@ from typing import BinaryIO
 from ..errors import InputFileError
 from ..protocol.codes import BLOCK_MAGIC, IMAGE_MAGIC
 from ..protocol.framing import DELIMITER
-from ..storage import FilePath
+from ..storage import FilePath, standard_input
 from .traffic import RECORD_SIZES, Piece, Traffic, is_frame, is_hex, read_bytes, read_serial, read_text, read_whole
 from .usbmon import UsbAddress, read_usbmon
 
@@ -45,11 +44,13 @@ def open_recording(source: FilePath) -> Iterator[BinaryIO]:
 
     Raises
     ------
+    InputFileError
+        If standard input is closed.
     OSError
         If it cannot be opened.
     """
     if source == "-":
-        with _seekable(sys.stdin.buffer) as stream:
+        with _seekable(standard_input().buffer) as stream:
             yield stream
     else:
         with Path(source).open("rb") as file, _seekable(file) as stream:

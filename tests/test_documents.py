@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import shlex
 import shutil
@@ -21,6 +22,11 @@ from nbclient import NotebookClient
 from phasewire.__main__ import main
 from phasewire.cli.commands import command_line
 from phasewire.cli.settings import each_command
+from phasewire.hil.conformance.cases import Need
+from phasewire.hil.conformance.clauses import requirements
+from phasewire.hil.conformance.running import catalogue
+from phasewire.mutants.catalogue import MUTANTS
+from phasewire.mutants.processors import known_mutants
 from typer.core import TyperGroup
 
 ROOT = Path(__file__).parents[1]
@@ -181,6 +187,65 @@ def test_files_and_targets_named_in_the_guide_exist() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     for target in re.findall(r"^make ([\w-]+)", guide + README, re.MULTILINE):
         assert f"\n{target}:" in makefile
+
+
+WORDS = ("ten", "eleven", "twelve", "thirteen", "fourteen", "fifteen")
+MANY = r"(\d[\d ]*)"
+NUMBERS = {
+    ("README.md", r"\[(\w+) examples\]"): "examples",
+    ("examples/README.md", r"(\w+) short programs"): "examples",
+    ("docs/explanation/proof.md", r"each of the (\d+) sentences with MUST"): "sentences",
+    ("docs/explanation/proof.md", rf"can: {MANY} cases"): "cases",
+    ("docs/explanation/proof.md", r"(\d+) of them judged by the outputs alone"): "cases that need a capture",
+    ("docs/explanation/proof.md", r"of (\d+) emulators that are broken"): "mutants",
+    ("docs/explanation/proof.md", r"are among the (\d+) now"): "mutants",
+    ("docs/explanation/proof.md", r"(\d+) were put in, in assembly and C"): "mutants of firmware",
+    ("docs/explanation/proof.md", r"each of (\d+) bugs in its C"): "mutants of the reference",
+    ("docs/how-to/conformance.md", rf"of {MANY} cases are"): "cases",
+    ("docs/how-to/conformance.md", rf"Of {MANY} cases and parts"): "cases",
+    ("docs/how-to/usb_device.md", rf"Of its\s+{MANY} cases"): "cases",
+    ("docs/how-to/usb_device.md", r"cases (\d+) need a capture"): "cases that need a capture",
+    ("reference/README.md", rf"of {MANY} cases pass"): "cases",
+}
+"""Where documents count, and what they count there."""
+
+
+def count_of(what: str) -> int:
+    match what:
+        case "examples":
+            return len(list((ROOT / "examples").glob("*.py")))
+        case "sentences":
+            return len(requirements())
+        case "cases":
+            return len(catalogue())
+        case "cases that need a capture":
+            return sum(Need.CAPTURE in each.about.needs for each in catalogue())
+        case "mutants":
+            return len(MUTANTS)
+        case "mutants of firmware":
+            return len(known_mutants())
+        case _:
+            files = sorted((ROOT / "reference/mutants").glob("*.toml"))
+            return sum(len(tomllib.loads(file.read_text(encoding="utf-8"))) for file in files)
+
+
+@pytest.mark.slow  # to collect all cases takes seconds
+@pytest.mark.parametrize(("document", "pattern"), NUMBERS)
+def test_documents_count_as_the_code_does(document: str, pattern: str) -> None:
+    (said,) = re.findall(pattern, (ROOT / document).read_text(encoding="utf-8"))
+    number = WORDS.index(said.lower()) + 10 if said.lower() in WORDS else int(said.replace(" ", ""))
+    assert number == count_of(NUMBERS[document, pattern])
+
+
+def test_examples_import_only_what_is_installed_or_name_the_extra() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    known = {"phasewire", *sys.stdlib_module_names}
+    known |= {re.match(r"[\w-]+", each)[0] for each in project["dependencies"]}  # type: ignore[index]  # they have names
+    for example in (ROOT / "examples").glob("*.py"):
+        for each in ast.parse(example.read_text(encoding="utf-8")).body:
+            if isinstance(each, ast.Import | ast.ImportFrom):
+                names = [each.module or ""] if isinstance(each, ast.ImportFrom) else [one.name for one in each.names]
+                assert {name.partition(".")[0] for name in names} <= known, example
 
 
 @pytest.mark.slow

@@ -263,7 +263,8 @@ def test_fields_are_compared_on_one_scale() -> None:
 
 
 def test_threads_that_draw_leave_the_user_s_settings_alone(tmp_path: Path) -> None:
-    before, seen, points = dict(rcParams), list[dict[str, object]](), Star().sample()
+    settings: Any = rcParams
+    before, seen, points = dict(settings), list[dict[str, object]](), Star().sample()
 
     def draw(number: int) -> None:
         figure = new_figure(1, 1)
@@ -274,9 +275,9 @@ def test_threads_that_draw_leave_the_user_s_settings_alone(tmp_path: Path) -> No
     with ThreadPoolExecutor(8) as pool:
         drawn = [pool.submit(draw, number) for number in range(8)]
         while not all(each.done() for each in drawn):
-            seen.append(dict(rcParams))
+            seen.append(dict(settings))
     assert [each.result() for each in drawn] == [None] * 8
-    assert dict(rcParams) == before
+    assert dict(settings) == before
     assert all(each == before for each in seen)
 
 
@@ -326,7 +327,7 @@ def test_a_felt_map_shows_what_is_felt_from_the_threshold_on() -> None:
     np.testing.assert_array_equal(shown[skin.mask], intensity)
     assert np.isfinite(shown).all()
     assert image.get_clim() == (1, 8)
-    unfelt, felt = (to_hex(image.cmap(float(image.norm(level)))) for level in (0.99, 1.01))
+    unfelt, felt = (to_hex(tuple(colour)) for colour in image.to_rgba(np.array([0.99, 1.01])))
     assert unfelt == SKIN != felt
     assert axes.get_legend_handles_labels()[1] == ["skin, laid out", "threshold: felt inside"]
 

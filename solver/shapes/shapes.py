@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property, reduce
 from numbers import Integral
 from pathlib import Path
@@ -41,6 +42,7 @@ __all__ = [
     "Shape",
     "Sphere",
     "Star",
+    "known_shapes",
     "parse_shape",
     "shape_help",
 ]
@@ -543,6 +545,12 @@ READERS["Vertices"] = (
 )
 
 
+def known_shapes(name: str) -> str:
+    """The shapes for the error about a name that is none, those with a similar name first."""
+    near = get_close_matches(name.lower(), SHAPES, 3)
+    return f"did you mean {' or '.join(near)}? " * bool(near) + f"known are {', '.join(sorted(SHAPES))}"
+
+
 def parse_shape(text: str) -> Drawn:
     """Read a shape such as ``sphere`` or ``polygon:sides=5,radius=0.05``.
 
@@ -555,6 +563,6 @@ def parse_shape(text: str) -> Drawn:
     """
     name, _, parameters = text.partition(":")
     if name not in SHAPES:
-        raise ValueError(f"unknown shape {name!r}; known are {', '.join(sorted(SHAPES))}")
+        raise ValueError(f"unknown shape {name!r}; {known_shapes(name)}")
     shape: Drawn = SHAPES[name](**read_parameters(name, parameters, SHAPES[name]))
     return shape

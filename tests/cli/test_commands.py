@@ -378,7 +378,11 @@ def test_a_signal_that_is_ignored_stays_so_and_at_the_end_all_are() -> None:
 
 BAD = [
     # (arguments, exit code, a part of the message)
-    (("solve", "cube", "-o", "x.npz"), 2, "'cube' is neither a shape (asterisk, circle,"),
+    (
+        ("solve", "cube", "-o", "x.npz"),
+        2,
+        "'cube' is no shape or file of points; it is an object for `phasewire touch`",
+    ),
     (("solve", "cube", "-o", "x.npz"), 2, "; it is an object for `phasewire touch`"),
     (("play", "cup.STL:scale=0.001"), 2, "; it is an object for `phasewire touch`"),
     (("solve", "sphere:palm=0.5", "-o", "x.npz"), 2, "misses the sphere, which spans 0.12 to 0.22 m"),

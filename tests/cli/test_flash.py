@@ -228,13 +228,6 @@ def test_a_fresh_emulated_device_is_not_taken_for_a_real_one(phasewire: Run, arg
     assert said not in phasewire(*arguments).err
 
 
-def test_a_url_is_listed_whole(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    serial = 64 * "x"
-    with Emulator(serial=serial) as emulator:
-        assert f"{emulator.url} " in phasewire("--list").out
-
-
 def test_devices_are_listed(phasewire: Run, emulator: Emulator) -> None:
     outcome = phasewire("--list", "--json", "list.json")
     assert outcome.code == 0

@@ -238,7 +238,7 @@ def test_a_felt_map_says_and_shows_what_it_is(array: TransducerArray) -> None:
     assert re.fullmatch(r"felt at \d+ % of 1\d{3} places", lines[2])
     axes = felt.plot(Figure().subplots(), title="here")
     assert axes.get_title() == "here"
-    assert axes.images[0].get_clim() == (1, pytest.approx(max(2.0, felt.intensity.max())))
+    assert axes.images[0].get_clim() == pytest.approx((1.0, max(2.0, felt.intensity.max())))
 
 
 def test_the_picture_of_a_felt_map_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
