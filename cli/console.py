@@ -59,7 +59,7 @@ def print_list(out: Console, table: Table, *whole: str) -> None:
         The console and the table.
     *whole : str
         Headers of columns whose texts people copy, such as URLs: they are never folded. A terminal that is too narrow
-        for that gets the rows as elsewhere, and breaks them itself.
+        for that gets a line for each cell.
     """
     needed = 1
     for column in table.columns:
@@ -67,8 +67,16 @@ def print_list(out: Console, table: Table, *whole: str) -> None:
         column.no_wrap = column.header in whole
         longest = max(cell_len(str(text)) for text in (column.header, *column.cells))
         needed += BETWEEN + (longest if column.no_wrap else min(longest, LEAST_COLUMN))
-    if not out.is_terminal or needed > out.width:
+    if not out.is_terminal:
         out.width = LIST_COLUMNS
+    elif needed > out.width:
+        wide = max(cell_len(str(column.header)) for column in table.columns)
+        for row in zip(*(column.cells for column in table.columns), strict=True):
+            for column, text in zip(table.columns, row, strict=True):
+                if str(text):
+                    out.print(f"{column.header!s:{wide}}  {text}")
+            out.print()
+        return
     out.print(table)
 
 

@@ -31,6 +31,7 @@ __all__ = [
     "read_source",
     "shapes_and_files",
     "spoken",
+    "typed",
 ]
 
 MOST_LINE = 2**20
@@ -100,9 +101,10 @@ def read_source(source: str, spacing: float | None = None) -> ControlPoints:
         case SourceKind.POINTS:
             return read_points(Path(source))
         case SourceKind.STANDARD_INPUT:
-            for points in spoken():
-                return points
-            raise InputFileError("standard input ended without a line of points")
+            points = next(spoken(typed()), None)
+            if points is None:
+                raise InputFileError("standard input ended without a line of points")
+            return points
         case kind:
             raise ValueError(
                 f"{source} is {kind.value}, but this command takes points; `phasewire stream {shlex.quote(source)}` "
@@ -110,16 +112,21 @@ def read_source(source: str, spacing: float | None = None) -> ControlPoints:
             )
 
 
-def spoken() -> Iterator[ControlPoints]:
-    """Points of lines of JSON on standard input, ``{"positions": [[x, y, z], …], "amplitudes": […]}``, one frame each.
+def typed() -> Iterator[str]:
+    """The lines of standard input, those that are too long in pieces; `InputFileError` if it is closed."""
+    stream = standard_input()
+    return iter(lambda: stream.readline(MOST_LINE + 1), "")
+
+
+def spoken(lines: Iterable[str]) -> Iterator[ControlPoints]:
+    """Control points from lines of JSON, ``{"positions": [[x, y, z], …], "amplitudes": […]}``, one frame each.
 
     Raises
     ------
     InputFileError
-        If it is closed, or a line is anything else; it is named.
+        If a line is anything else; it is named.
     """
-    stream = standard_input()
-    for number, line in enumerate(iter(lambda: stream.readline(MOST_LINE + 1), ""), start=1):
+    for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
         try:

@@ -30,7 +30,7 @@ from ..protocol.quantise import PulseFrames, check_pulses
 from ..solver import ControlPoints, Medium, Solution, Solver, TransducerArray
 from ..solver.fields.files import read_arrays, solution_in
 from .console import error_console, given
-from .points import SourceKind, kind_of, read_source, spoken
+from .points import SourceKind, kind_of, read_source, spoken, typed
 
 __all__ = [
     "Source",
@@ -101,7 +101,7 @@ def open_source(source: str) -> Iterator[Source]:
     """The content of a SOURCE, as `kind_of` has it; errors as `open_file`."""
     match kind_of(source):
         case SourceKind.STANDARD_INPUT:
-            yield Source(spoken())
+            yield Source(spoken(typed()))
         case SourceKind.ARCHIVE | SourceKind.RECORDING:
             with open_file(Path(source)) as what:
                 yield what

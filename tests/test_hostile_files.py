@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phasewire import read_mesh, read_rig, read_volume_mesh
-from phasewire.cli.sources import spoken
+from phasewire.cli.points import spoken
 from phasewire.emulator.firmware.flash import Flash
 from phasewire.emulator.scenario import read_scenario
 from phasewire.errors import ImageError, InputFileError
