@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import runpy
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -274,7 +274,7 @@ def test_threads_that_draw_leave_the_user_s_settings_alone(tmp_path: Path) -> No
 
     with ThreadPoolExecutor(8) as pool:
         drawn = [pool.submit(draw, number) for number in range(8)]
-        while not all(each.done() for each in drawn):
+        while wait(drawn, timeout=0.02).not_done:
             seen.append(dict(settings))
     assert [each.result() for each in drawn] == [None] * 8
     assert dict(settings) == before

@@ -69,8 +69,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def outcome_of(command: str, source: str, phasewire: Run, files: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    for each in files.iterdir():
-        Path(each.name).write_bytes(each.read_bytes())
+    monkeypatch.chdir(files)
     monkeypatch.setattr("sys.stdin", io.StringIO(LINE))
     outcome = phasewire(*COMMANDS[command][0].format(source).split())
     assert outcome.code == (2 if "phasewire: " in outcome.err else 0), outcome.err
