@@ -52,24 +52,14 @@ def draw_intensity(
     top = max(LEAST_TOP, float(intensity.max()) if largest is None else largest)
     colours = colormaps[FELT].with_extremes(under=SKIN)
     colours.colorbar_extend = "min"  # type: ignore[assignment]  # the stubs allow only its default, False
-    look: dict[str, Any] = {
-        "cmap": colours,
-        "norm": LogNorm(1, top),
-        "interpolation": "bicubic",
-    }
-    if {"vmin", "vmax"} & set(style):
-        del look["norm"]
+    norm = {} if {"vmin", "vmax"} & set(style) else {"norm": LogNorm(1, top)}
+    look: dict[str, Any] = {"cmap": colours, "interpolation": "bicubic"} | norm
     drawn = axes.imshow(image, origin="lower", extent=(0, columns, 0, rows), **look | style)
     lines = [line * MM for line in places.outline]
     skin = Path.make_compound_path(*(Path(line, closed=True) for line in lines))
     drawn.set_clip_path(skin, axes.transData)
-    for line in lines:
-        axes.plot(
-            *np.vstack([line, line[:1]]).T,
-            color=INK,
-            linewidth=0.9,
-            label="skin, laid out" if line is lines[0] else None,
-        )
+    for number, line in enumerate(lines):
+        axes.fill(*line.T, fill=False, edgecolor=INK, linewidth=0.9, label=None if number else "skin, laid out")
     if image.min() < 1 < image.max():
         x, y = ((np.arange(count) + 0.5) * places.spacing * MM for count in image.shape[::-1])
         edge = axes.contour(x, y, image, levels=[1], colors=INK, linewidths=0.8, linestyles="--")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,19 +50,11 @@ def save_sensation_picture(path: FilePath, sensations: Mapping[str, Sensation], 
         axes.set_ylabel("")
     bar = figure.colorbar(drawn, ax=list(maps), label=INTENSITY, pad=0.01, fraction=0.05, aspect=30)
     write_scale(bar)
-    handles = {
-        label: handle
-        for axes in (*maps, *spectra)
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(
-        handles.values(),
-        handles,
-        loc="outside lower center",
-        ncols=min(2 * len(sensations), 4),
-        frameon=False,
-        fontsize="small",
-    )
+    named: dict[str, Any] = {}
+    for axes in (*maps, *spectra):
+        named |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    look: dict[str, Any] = {"loc": "outside lower center", "frameon": False, "fontsize": "small"}
+    figure.legend(named.values(), named, ncols=min(2 * len(sensations), 4), **look)
     figure.suptitle(textwrap.fill(headline, round(width * LETTERS)))
     save_figure(figure, path)
 
