@@ -7,7 +7,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .storage import FilePath, replacing
+from .storage import FilePath, write_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -181,7 +181,7 @@ def check_picture_path(path: FilePath) -> None:
 
 def save_figure(figure: Figure, path: FilePath) -> None:
     """Write a figure on a canvas that fits it, in the format of the path's suffix, completely or not at all."""
-    with replacing(path) as part:
-        printed(figure).savefig(
-            part, format=Path(path).suffix[1:].lower(), dpi=DOTS_PER_INCH, bbox_inches="tight", pad_inches=EDGE
-        )
+    data = BytesIO()  # because matplotlib's writer of PDF fails a second time if the disk is full
+    kind = Path(path).suffix[1:].lower()
+    printed(figure).savefig(data, format=kind, dpi=DOTS_PER_INCH, bbox_inches="tight", pad_inches=EDGE)
+    write_file(path, data.getvalue())

@@ -24,7 +24,7 @@ from ..hil.conformance.reports.records import record
 from ..hil.conformance.verdicts import Run, Verdict
 from ..host.lines.opening import DEFAULT_URL
 from ..signals import SIGNALLED, loading, postponing
-from ..storage import check_outputs, replacing
+from ..storage import check_outputs, write_file
 from .commands import FAILED, WRONG_USE, complain, message
 from .console import JsonOption, among, console_for, error_console, given, print_list, write_json
 from .options import DeviceOption, note_where_fresh
@@ -281,7 +281,7 @@ def _judge_mutants(
         results = run_mutants(list(MUTANTS.values()), jobs or DEFAULT_JOBS, watcher, thorough=thorough)
     write_json(json_target, mutants_record(results))
     if table is not None:
-        _replace(table, markdown(results))
+        write_file(table, markdown(results))
     print_mutants(console_for(json_target), results)
     if not all(result.fate.is_catch for result in results):
         raise typer.Exit(1)
@@ -316,9 +316,9 @@ def _write(run: Run, html: Path | None, junit_xml: Path | None, json_target: str
     matrix, errors = Matrix.of(run.claims), list[OSError]()
     reports: list[Callable[[], None]] = []
     if html is not None:
-        reports.append(lambda: _replace(html, page(run, matrix)))
+        reports.append(lambda: write_file(html, page(run, matrix)))
     if junit_xml is not None:
-        reports.append(lambda: _replace(junit_xml, junit(run)))
+        reports.append(lambda: write_file(junit_xml, junit(run)))
     if json_target is not None:
         reports.append(lambda: write_json(json_target, record(run, matrix)))
     for write in reports:
@@ -329,8 +329,3 @@ def _write(run: Run, html: Path | None, junit_xml: Path | None, json_target: str
         except OSError as error:
             errors.append(error)
     return errors
-
-
-def _replace(path: Path, text: str) -> None:
-    with replacing(path) as part:
-        part.write_text(text, encoding="utf-8")

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -15,7 +14,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 
-from ..storage import replacing
+from ..storage import write_file
 
 __all__ = ["JsonOption", "among", "console_for", "error_console", "given", "print_list", "write_json"]
 
@@ -88,8 +87,7 @@ def write_json(target: str | None, record: dict[str, Any]) -> None:
     if target == "-":
         typer.echo(text)
         return
-    with replacing(Path(target)) as part:
-        part.write_text(text + "\n", encoding="utf-8")
+    write_file(target, text + "\n")
 
 
 def among(names: Iterable[str]) -> Callable[[str], list[str]]:

@@ -35,7 +35,7 @@ from ..protocol.framing import BAUD
 from ..protocol.timing import FIVE_WIRE, LINKS, Link
 from ..protocol.usbip import PORT
 from ..signals import loading
-from ..storage import check_outputs
+from ..storage import check_outputs, claimed
 from .console import among, console_for, error_console, write_json
 
 __all__ = ["commands"]
@@ -89,6 +89,7 @@ class Wishes:
 
 @commands.command(epilog="Example: phasewire emulate --serial pty --seconds 60")
 def emulate(
+    context: typer.Context,
     usbip: Annotated[
         bool, typer.Option("--usbip", help="Offer the devices by USB/IP; the default if no door is requested.")
     ] = False,
@@ -151,7 +152,7 @@ def emulate(
         Path | None,
         typer.Option(
             help="File that is the device's flash: read at the start if it exists, written at each step of an "
-            "upgrade and at the end.",
+            "upgrade and at the end. Another emulator cannot use it at the same time.",
             dir_okay=False,
         ),
     ] = None,
@@ -205,6 +206,8 @@ def emulate(
         return
     if flash and len(numbers) > 1:
         raise ValueError(f"{flash} is the flash of one device, not of {len(numbers)}")
+    if flash:
+        context.with_resource(claimed(flash))  # two devices would each lose what the other one writes
     faults = read_scenario(scenario) if scenario else ()
     emulators: list[Emulator] = []
     for number in numbers:

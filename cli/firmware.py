@@ -30,7 +30,7 @@ from ..protocol.enumeration import PRODUCT_ID, VENDOR_ID
 from ..protocol.firmware import Image, ImageHeader, Segment, Suffix, sign, with_suffix
 from ..protocol.versions import Version
 from ..signals import loading
-from ..storage import check_outputs, replacing
+from ..storage import check_outputs, write_file
 from ..storage import read_file as read_bounded
 from .console import JsonOption, console_for, error_console, print_list, write_json
 
@@ -261,8 +261,7 @@ def _completed(given: Sequence[Segment], version: Version) -> tuple[Segment, ...
 
 
 def _write(path: Path, image: Image, suffix: Suffix, json_target: str | None) -> None:
-    with replacing(path) as part:
-        part.write_bytes(with_suffix(image.encode(), suffix))
+    write_file(path, with_suffix(image.encode(), suffix))
     by = "not signed" if image.signature is None else f"signed with key {image.signature.key_id.hex()}"
     console_for(json_target).print(f"{path}: firmware {image.version} for {image.hardware.name}, {by}")
     write_json(json_target, _record(path, image, suffix))

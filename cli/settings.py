@@ -8,6 +8,7 @@ then the built-in value. This module takes all commands from the command line it
 from __future__ import annotations
 
 import difflib
+import errno
 import json
 import os
 import textwrap
@@ -20,7 +21,7 @@ import typer
 from typer.core import TyperGroup, TyperOption
 
 from ..errors import InputFileError
-from ..storage import check_outputs, read_toml
+from ..storage import check_outputs, read_toml, write_file
 from .console import JsonOption, console_for, error_console, print_list, write_json
 
 __all__ = ["CONFIG_VARIABLE", "commands", "config_path", "defaults_from_file", "each_command"]
@@ -288,10 +289,10 @@ def config(
     check_outputs([json_target])
     out = console_for(json_target)
     if init:
-        if not path.parent.exists():
-            path.parent.mkdir(parents=True)
-        with path.open("x", encoding="utf-8") as file:
-            file.write(example(root))
+        if os.path.lexists(path):
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_file(path, example(root))
         out.print(f"Written to {path}; remove the # of the lines that should take effect.")
     elif os.access(path, os.F_OK):
         out.print(f"Defaults of options from {path}:")

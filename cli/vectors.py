@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..extras import needing
-from ..storage import check_outputs, replacing
+from ..storage import check_outputs, write_file
 
 __all__ = ["commands"]
 
@@ -33,5 +33,4 @@ def vectors(
         typer.echo(text(), nl=False)
         return
     check_outputs([output])
-    with replacing(output) as part:
-        part.write_text(text(), encoding="ascii", newline="\n")
+    write_file(output, text())

@@ -17,7 +17,7 @@ from rich.table import Column, Table
 
 from ..errors import InputFileError
 from ..signals import loading
-from ..storage import check_outputs, read_file, read_text, replacing
+from ..storage import check_outputs, read_file, read_text, write_file
 from ..xs1.assembler import AssemblySource, assemble, runtime
 from ..xs1.clang import compile_c
 from ..xs1.disassembler import DisassembledLine, disassemble, listing
@@ -115,10 +115,8 @@ def asm(
     check_outputs([output, names, json_target], sources)
     defines = dict(_definition(text) for text in define or [])
     program = assemble([*(_source(path, defines) for path in sources), runtime()], defines=defines)
-    with replacing(output) as part:
-        part.write_bytes(program.image)
-    with replacing(names) as part:
-        part.write_text(program.map_text(), encoding="utf-8")
+    write_file(output, program.image)
+    write_file(names, program.map_text())
     out = console_for(json_target)
     if show_listing:
         out.out(listing(disassemble(program)))

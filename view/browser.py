@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..errors import MissingExtraError, PhasewireError
-from ..storage import replacing
+from ..storage import write_file
 from .view import View
 
 __all__ = ["open_page", "saved_from", "suffix_of"]
@@ -105,8 +105,7 @@ def saved_from(view: View, path: Path, seconds: float) -> Iterator[Callable[[], 
             browser.wait()
     if not view.server.saved:
         raise PhasewireError(f"{command[0]} has sent no picture of the page")
-    with replacing(path) as part:
-        part.write_bytes(view.server.saved[-1])
+    write_file(path, view.server.saved[-1])
 
 
 def _browser() -> str:

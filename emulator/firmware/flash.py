@@ -19,7 +19,7 @@ from ...errors import InputFileError
 from ...protocol.board import CYCLES_PER_MS
 from ...protocol.codes import FLASH_BANK_BYTES, FLASH_SECTOR_BYTES, Bank
 from ...protocol.dfu import PAGE_BYTES, PAGE_PROGRAM_MS, SECTOR_ERASE_MS
-from ...storage import FilePath, read_file, replacing
+from ...storage import FilePath, read_file, write_file
 from ..scheduler import Scheduler
 
 __all__ = ["CYCLES_PER_MS", "FLASH_BYTES", "Defects", "Flash", "FlashTimes"]
@@ -158,8 +158,7 @@ class Flash:
         OSError
             If the file cannot be written; what stood there is untouched.
         """
-        with replacing(path) as part:
-            part.write_bytes(self._cells.tobytes() + self.erasures.astype("<u4").tobytes())
+        write_file(path, self._cells.tobytes() + self.erasures.astype("<u4").tobytes())
 
     # Power
 

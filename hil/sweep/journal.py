@@ -6,17 +6,18 @@ floats so that they are read back bit for bit. A kill can only leave a last line
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
 import stat
+from contextlib import ExitStack
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 from ...errors import InputFileError
+from ...storage import claimed
 from .measures import MEASURES, Measures
 
 __all__ = ["Journal", "RowResult", "journal_path"]
@@ -53,9 +54,9 @@ class Journal:
     Raises
     ------
     InputFileError
-        If it is of another sweep, is no journal, or another process writes it.
+        If it is of another sweep, or is no journal.
     OSError
-        If it cannot be opened, or the disk is full.
+        If another sweep writes it, if it cannot be opened, or if the disk is full.
     """
 
     done: dict[int, RowResult]
@@ -64,12 +65,14 @@ class Journal:
     def __init__(self, path: Path, fingerprint: str, rows: int) -> None:
         self.path, self.done, self._synced = path, {}, monotonic()
         self._file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NONBLOCK", 0), 0o666), "r+b")
+        self._claim = ExitStack()
         try:
             if not stat.S_ISREG(os.fstat(self._file.fileno()).st_mode):
                 raise InputFileError(f"{path} must be a plain file: it keeps the rows of a sweep that are done")
-            self._lock()
+            self._claim.enter_context(claimed(path))
             self._read({"format": FORMAT, "fingerprint": fingerprint, "rows": rows})
         except BaseException:
+            self._claim.close()
             self._file.close()
             raise
 
@@ -79,13 +82,14 @@ class Journal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if not self.done:
-            self.remove()
-        try:
-            self._file.close()
-        except OSError:  # of a full disk, which an earlier error names
-            if kind is None:
-                raise
+        with self._claim:
+            if not self.done:
+                self.remove()
+            try:
+                self._file.close()
+            except OSError:  # of a full disk, which an earlier error names
+                if kind is None:
+                    raise
 
     def add(self, row: int, result: RowResult) -> None:
         """Keep the result of a row."""
@@ -99,15 +103,6 @@ class Journal:
     def remove(self) -> None:
         """Delete it, when its results are elsewhere."""
         self.path.unlink()
-
-    def _lock(self) -> None:
-        with contextlib.suppress(ImportError):  # systems without fcntl have no such lock
-            import fcntl
-
-            try:
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise InputFileError(f"{self.path} is in use by another run; wait until it has ended") from None
 
     def _read(self, header: dict[str, Any]) -> None:
         first = self._file.readline(2**12)

@@ -66,13 +66,13 @@ def run_sweep(
     ValueError
         If ``on`` or ``workers`` are not possible.
     InputFileError
-        If the output is something else, if there is a journal of another sweep, or if another process writes it.
+        If the output is something else, or if there is a journal of another sweep.
     MissingExtraError
         If pyarrow, or Dask if it is used, is not installed.
     ClusterError
         As `open_crew`, or if the cluster is lost.
     OSError
-        If the output cannot be written.
+        If the output cannot be written, or another process writes it.
     """
     check_crew(on, workers)
     check_outputs([output])

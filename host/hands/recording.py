@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from importlib.metadata import version
-from io import SEEK_END, FileIO
+from io import SEEK_END
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
@@ -21,7 +21,7 @@ import numpy as np
 
 from ...errors import InputFileError
 from ...solver.contact.hand import Hand
-from ...storage import FilePath, open_plain, replacing
+from ...storage import FilePath, GrowingFile, growing, open_plain
 from ..lines.transport import Timekeeper
 from .frames import HandFrame, TrackedHand
 from .pose import Pose
@@ -46,8 +46,9 @@ DECIMALS = 6
 class HandRecorder:
     """Writes frames of hands to a file, in a ``with`` statement.
 
-    The file takes its place when the block ends, for whatever reason: a recording that Ctrl-C ends is whole. If the
-    disk is full, what was written is kept.
+    The file takes its place when the block ends, for whatever reason: a recording that Ctrl-C ends is whole. The old
+    file stays if the block fails before the first frame, or if the new one cannot be written, as on a full disk; what
+    was written is then kept beside it.
 
     Parameters
     ----------
@@ -72,15 +73,14 @@ class HandRecorder:
             "pose": None if pose is None else pose.to_table(),
         }
         self._stack: ExitStack
-        self._file: FileIO
+        self.file: GrowingFile
         self._origin: float | None = None
         self._time = 0.0
         self.frames = 0
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            part = stack.enter_context(replacing(self._path))
-            self._file = stack.enter_context(part.open("wb", buffering=0))
+            self.file = stack.enter_context(growing(self._path))
             self._put(self._head)
             self._stack = stack.pop_all()
         return self
@@ -88,10 +88,12 @@ class HandRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        try:
-            self._put({"frames": self.frames})
-        finally:
-            self._stack.close()
+        if kind is not None and not self.frames:
+            self._stack.__exit__(kind, error, traceback)
+            return
+        with self._stack:
+            if self.file.trouble is None:
+                self._put({"frames": self.frames})
 
     def write(self, frame: HandFrame) -> None:
         """Add a frame; the first one's time becomes 0.
@@ -123,13 +125,8 @@ class HandRecorder:
         self.frames += 1
 
     def _put(self, record: dict[str, Any]) -> None:
-        """Write a line, without a buffer that would fail once more when the file is closed."""
-        left = memoryview(json.dumps(record, allow_nan=False, separators=(",", ":")).encode() + b"\n")
-        try:
-            while left:
-                left = left[self._file.write(left) :]
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(self._path)) from error
+        """Write a line."""
+        self.file.write(json.dumps(record, allow_nan=False, separators=(",", ":")).encode() + b"\n")
 
 
 class HandRecording:

@@ -85,7 +85,7 @@ def _local(url: str, path: str, baud: int) -> Any:
     port = _bounded(serial.Serial, baud, exclusive=True)
     port.port = path
     for known in _ours():
-        if Path(known.device).resolve() == Path(path).resolve():
+        if os.path.realpath(known.device) == os.path.realpath(path):
             port.product, port.serial_number = known.product, known.serial_number
             port.bytes_per_second = USB_BYTES_PER_SECOND
     return port

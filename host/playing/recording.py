@@ -29,8 +29,6 @@ import struct
 import zlib
 from dataclasses import asdict, fields
 from importlib.metadata import version
-from io import FileIO
-from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, NamedTuple, Self, TypeVar
@@ -42,7 +40,7 @@ from ...errors import InputFileError
 from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from ...protocol.quantise import PulseFrames, check_pulses
 from ...solver import Medium, TransducerArray
-from ...storage import FilePath, open_plain, replacing
+from ...storage import FilePath, growing, open_plain
 from .calibration import Calibration
 from .frames import Frames, check_rate, frame_source
 
@@ -128,22 +126,12 @@ def record(
         raise ValueError(f"{len(array)} transducers are more than a recording can describe")
     head = _Head(MAGIC, len(text), zlib.crc32(text), UNFINISHED)
     written = 0
-    with replacing(path) as part, part.open("wb", buffering=0) as file:
-        try:
-            _write(file, head.encode() + text, path)
-            while len((taken := pulses.take(FRAMES_AT_A_TIME)).phase):
-                _write(file, _rows(taken, written), path)
-                written += len(taken.phase)
-            file.seek(0)
-            _write(file, head._replace(frames=written).encode(), path)
-        except OSError as error:
-            if not written:
-                raise
-            names = (path.resolve().with_name(f"{path.stem}.part{number or ''}{path.suffix}") for number in count())
-            kept = next(name for name in names if not name.exists())
-            part.replace(kept)
-            said = f"{error.strerror}; what was written, {written} frames at least, is kept in {kept}"
-            raise OSError(error.errno, said, error.filename) from error
+    with growing(path) as file:
+        file.write(head.encode() + text)
+        while len((taken := pulses.take(FRAMES_AT_A_TIME)).phase):
+            file.write(_rows(taken, written))
+            written += len(taken.phase)
+        file.rewrite(head._replace(frames=written).encode())
     return written
 
 
@@ -175,16 +163,6 @@ def _rows(frames: PulseFrames, first: int) -> bytes:
 
 def _checksum(pulses: NDArray[np.uint8], number: int) -> bytes:
     return zlib.crc32(pulses.tobytes(), number % 2**32).to_bytes(CHECKSUM_BYTES, "little")
-
-
-def _write(file: FileIO, data: bytes, path: FilePath) -> None:
-    """Write all bytes, without a buffer that would fail again when the file is closed."""
-    left = memoryview(data)
-    try:
-        while left:
-            left = left[file.write(left) :]
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 class Recording:

@@ -24,12 +24,12 @@ from base64 import b64encode
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...storage import FilePath, replacing
+from ...storage import FilePath, GrowingFile, growing
 from ..hands.pose import Pose
 from ..hands.recording import SUFFIX, HandRecorder
 from .loop import TouchMoment
@@ -58,6 +58,8 @@ def log_path(path: FilePath) -> Path:
 class TouchLog:
     """Writes both files, in a ``with`` statement; they take their places when it ends, for whatever reason.
 
+    If one cannot be written, neither does, as `HandRecorder` says.
+
     Parameters
     ----------
     path : str or Path
@@ -76,14 +78,13 @@ class TouchLog:
         self._path, self._hands = log_path(path), HandRecorder(path, rate, source, pose)
         self._head = {"format": FORMAT, "hands": Path(path).name, "source": source, "render": render}
         self._stack: ExitStack
-        self._file: BinaryIO
+        self._file: GrowingFile
         self._origin: float | None = None
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(self._hands)
-            part = stack.enter_context(replacing(self._path))
-            self._file = stack.enter_context(part.open("wb"))
+            self._file = stack.enter_context(growing(self._path))
             self._put(self._head)
             self._stack = stack.pop_all()
         return self
@@ -91,7 +92,12 @@ class TouchLog:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._stack.close()
+        trouble = self._hands.file.trouble or self._file.trouble
+        self._hands.file.trouble = self._file.trouble = trouble
+        if kind is not None and not self._hands.frames:
+            self._stack.__exit__(kind, error, traceback)
+        else:
+            self._stack.close()
 
     def __call__(self, moment: TouchMoment) -> None:
         """Add a moment.

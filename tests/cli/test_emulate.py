@@ -238,13 +238,17 @@ def test_a_flash_file_serves_one_device_and_has_its_size(phasewire: Run, tmp_pat
     assert (outcome.code, "a flash is kept in a file of" in outcome.err) == (2, True)
 
 
-def test_a_flash_outlives_a_process_that_is_killed(tmp_path: Path) -> None:
+def test_a_flash_outlives_a_process_that_is_killed_and_has_one_emulator(phasewire: Run, tmp_path: Path) -> None:
     """`test_upgrade` checks what each step of an upgrade writes."""
     path = tmp_path / "flash.bin"
     with emulate("--flash", str(path), "--serial-number", "KEPT-1") as served:
         served.process.kill()
     with emulate("--flash", str(path)) as served:
         assert served.announced["devices"][0]["serial"] == "KEPT-1"
+        before, outcome = path.read_bytes(), phasewire("emulate", "--port", "0", "--seconds", "0", "--flash", str(path))
+        assert (outcome.code, f"in use by process {served.process.pid}" in outcome.err) == (2, True)
+        assert path.read_bytes() == before
+        assert served.end(signal.SIGINT)[0] == 0
     assert list(tmp_path.iterdir()) == [path]
 
 

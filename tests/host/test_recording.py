@@ -3,8 +3,6 @@ from __future__ import annotations
 import json
 import os
 import struct
-import subprocess
-import sys
 import tracemalloc
 import zlib
 from collections.abc import Iterator
@@ -193,37 +191,6 @@ def test_a_recording_must_be_a_file(tmp_path: Path) -> None:
         record(tmp_path, some(1), 100, array=GRID)
     with pytest.raises(FileNotFoundError):
         record(tmp_path / "no" / "folder.frames", some(1), 100, array=GRID)
-
-
-def test_a_full_disk_loses_nothing_that_was_written(tmp_path: Path) -> None:
-    """In a process of its own, which must live on."""
-    (tmp_path / "full.frames").write_text("the old one")
-    (tmp_path / "full.part.frames").write_text("kept before")
-    ended = subprocess.run([sys.executable, "-c", ON_A_FULL_DISK, tmp_path], capture_output=True, text=True, check=True)
-    assert ended.stdout == "alive\n"
-    assert (tmp_path / "full.frames").read_text() == "the old one"
-    assert (tmp_path / "full.part.frames").read_text() == "kept before"
-    assert {file.name for file in tmp_path.iterdir()} == {"full.frames", "full.part.frames", "full.part1.frames"}
-    with Recording.open(tmp_path / "full.part1.frames") as kept:
-        assert (len(kept) > 1000, kept.complete) == (True, False)
-        np.testing.assert_array_equal(kept.read(0, len(kept)).phase, np.zeros((len(kept), 320)))
-
-
-ON_A_FULL_DISK = """
-import itertools, resource, sys
-from pathlib import Path
-import numpy as np
-from phasewire.host import record
-
-path = Path(sys.argv[1]) / "full.frames"
-resource.setrlimit(resource.RLIMIT_FSIZE, (700_000, 700_000))
-try:
-    record(path, itertools.repeat(np.zeros(320, complex)), 1000)
-except OSError as error:
-    assert error.filename == str(path), error
-    assert "frames at least, is kept in" in error.strerror, error
-    print("alive")
-"""
 
 
 # Damage

@@ -5,10 +5,10 @@ A `Wire` carries the bytes: a port of pyserial, or endpoints 03 and 83 of a devi
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Any, Protocol
 
 from ....errors import DeviceError, DeviceStalledError, DeviceTimeoutError, FrameError
@@ -119,7 +119,7 @@ class PortWire:
         # A port without a baud rate leads to the device by USB; a socket and a pseudo-terminal carry bytes alone.
         self._has_dtr = hasattr(self._port, "bytes_per_second")
         self.is_connection: bool = url.startswith("socket:")
-        bare = self.is_connection or str(Path(self.name).resolve()).startswith(PSEUDO_TERMINALS)
+        bare = self.is_connection or os.path.realpath(self.name).startswith(PSEUDO_TERMINALS)
         self.has_break = not (self._has_dtr or bare)
         self.bytes_per_second: float = getattr(self._port, "bytes_per_second", self._port.baudrate / UART_BITS_PER_BYTE)
         self._port.timeout = READ_SECONDS

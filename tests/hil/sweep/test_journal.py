@@ -84,7 +84,7 @@ def test_a_journal_of_another_sweep_is_refused(fingerprint: str, rows: int, tmp_
 def test_two_runs_cannot_write_one_journal(tmp_path: Path) -> None:
     with Journal(tmp_path / "j", "abc", ROWS) as journal:
         journal.add(0, RowResult(None, "why"))
-        with pytest.raises(InputFileError, match="is in use by another run; wait until it has ended"):
+        with pytest.raises(BlockingIOError, match=r"is in use by process \d+; wait until it has ended"):
             Journal(tmp_path / "j", "abc", ROWS)
     with Journal(tmp_path / "j", "abc", ROWS) as journal:
         assert len(journal.done) == 1

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -101,35 +99,6 @@ def test_a_recording_that_is_interrupted_is_whole(tmp_path: Path) -> None:
 def test_a_folder_that_is_missing_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         write(tmp_path / "no" / "a.hands")
-
-
-ON_A_FULL_DISK = """
-import resource, sys
-from pathlib import Path
-from phasewire.host.hands import HandFrame, TrackedHand
-from phasewire.host.hands.recording import HandRecorder
-from phasewire.solver.contact.hand import Hand
-
-path, frame = Path(sys.argv[1]) / "full.hands", HandFrame(0.0, (TrackedHand(Hand.flat(), 1),))
-resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
-try:
-    with HandRecorder(path, 1000) as recorder:
-        while True:
-            recorder.write(frame)
-except OSError as error:
-    assert error.filename == str(path), error
-    print("alive")
-"""
-
-
-def test_a_full_disk_loses_nothing_that_was_written(tmp_path: Path) -> None:
-    """In a process of its own, which must live on."""
-    command = [sys.executable, "-c", ON_A_FULL_DISK, str(tmp_path)]
-    ended = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    assert ended.stdout == "alive\n"
-    with HandRecording.open(tmp_path / "full.hands") as recording:
-        assert not recording.complete
-        assert len(list(recording)) > 20
 
 
 # Playing
