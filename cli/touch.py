@@ -15,11 +15,13 @@ from rich.console import Console
 from rich.control import Control
 from rich.segment import ControlType
 
-from ..errors import DeviceError, DeviceRefusedError, PhasewireError
+from ..errors import DeviceError, DeviceRefusedError, PhasewireError, TrackerLostError
 from ..host.hands.placing import PlacedHands
 from ..host.hands.pose import Pose
+from ..host.hands.returning import open_returning
 from ..host.hands.sources import HandSource, files_of, open_hands
 from ..host.lines.opening import DEFAULT_URL
+from ..host.lines.transport import Timekeeper
 from ..host.playing.device import Device, open_device
 from ..host.touching.log import TouchLog, log_path
 from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop, TouchMoment
@@ -136,6 +138,10 @@ def touch(
             "camera:N; `phasewire tracker` lists which are ready.",
         ),
     ] = HANDS,
+    reconnect: Annotated[
+        bool,
+        typer.Option("--reconnect", help="Go on when a lost tracker comes back; silence until then."),
+    ] = False,
     device: DeviceOption = DEFAULT_URL,
     seconds: Annotated[
         float | None,
@@ -214,7 +220,8 @@ def touch(
     with ExitStack() as stack:
         url, emulator = stack.enter_context(viewed_device(device, wanted=view))
         opened = stack.enter_context(open_device(url, calibration=load_calibration(calibration)))
-        source = stack.enter_context(_opened_hands(hand, opened, placed, view))
+        opener = partial(open_returning, on_loss=_tell_loss) if reconnect else open_hands
+        source = stack.enter_context(_opened_hands(opener, hand, opened, placed, view))
         warn_of_notes(source)
         transducers = array_of(opened, own)
         seen: list[Callable[[TouchMoment], None]] = [best] if picture or timeline else []
@@ -317,13 +324,19 @@ def _placed_at(things: Sequence[MovingObject], begin: float) -> Sequence[Mesh] |
     return lambda moment: [thing.at(moment - begin) for thing in things]
 
 
-def _opened_hands(hand: str, device: Device, placed: Pose | None, view: bool) -> HandSource:
+def _tell_loss(error: TrackerLostError) -> None:
+    error_console().print(f"warning: {error}; waiting until it is back", style="yellow")
+
+
+def _opened_hands(
+    opener: Callable[[str, Timekeeper], HandSource], hand: str, device: Device, placed: Pose | None, view: bool
+) -> HandSource:
     """The hands, by the clock of the device; if a page is open, by the wall clock."""
     if not view:
-        return PlacedHands(open_hands(hand, device.time), placed)
+        return PlacedHands(opener(hand, device.time), placed)
     with loading():
         from ..view.hands import at_wall_pace
-    return at_wall_pace(PlacedHands(open_hands(hand, time), placed))
+    return at_wall_pace(PlacedHands(opener(hand, time), placed))
 
 
 def _each(seen: Sequence[Callable[[TouchMoment], None]], moment: TouchMoment) -> None:

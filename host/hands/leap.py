@@ -268,9 +268,11 @@ def _greeting(connection: ClientConnection, address: Address, patience: float) -
         ) from error
     version = said.get("version")
     if version != VERSION:
+        advice = "install the Leap software 2.3 or newer, or UltraleapTrackingWebSocket"
+        if isinstance(version, int) and version > VERSION:
+            advice = f"that is newer than phasewire knows: update phasewire, or run a service that speaks {VERSION}"
         raise TrackerError(
-            f"the Leap service at {address} speaks version {str(version)[:20]} of its protocol, not {VERSION}; "
-            "install the Leap software 2.3 or newer, or UltraleapTrackingWebSocket"
+            f"the Leap service at {address} speaks version {str(version)[:20]} of its protocol, not {VERSION}; {advice}"
         )
     return str(said.get("serviceVersion", "unknown"))[:40]
 

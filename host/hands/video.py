@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
@@ -85,7 +87,8 @@ class Landmarker:
 
     def __init__(self, model: FilePath, hands: int) -> None:
         data = read_file(model, MOST_MODEL_BYTES)
-        self._mediapipe = _imported("mediapipe")
+        with _muted():
+            self._mediapipe = _imported("mediapipe")
         tasks = self._mediapipe.tasks
         options = tasks.vision.HandLandmarkerOptions(
             base_options=tasks.BaseOptions(model_asset_buffer=data),
@@ -93,19 +96,22 @@ class Landmarker:
             num_hands=hands,
         )
         try:
-            self._landmarker = tasks.vision.HandLandmarker.create_from_options(options)
+            with _muted():
+                self._landmarker = tasks.vision.HandLandmarker.create_from_options(options)
         except (RuntimeError, ValueError, OSError) as error:
             raise InputFileError(
                 f"{model} is no model of MediaPipe's hand landmarker ({error}); get one at {MODEL_PAGE}"
             ) from error
-        self._last_ms = -1
+        self._last_ms, self._found = -1, False
 
     def find(self, picture: Picture, time: float) -> list[SeenHand]:
         """See `_Finder`; MediaPipe wants times in whole milliseconds that increase."""
         self._last_ms = max(self._last_ms + 1, round(time * 1e3))
         image = self._mediapipe.Image(image_format=self._mediapipe.ImageFormat.SRGB, data=picture)
+        first, self._found = not self._found, True
         try:
-            found = self._landmarker.detect_for_video(image, self._last_ms)
+            with _muted() if first else nullcontext():
+                found = self._landmarker.detect_for_video(image, self._last_ms)
         except (RuntimeError, ValueError) as error:
             raise TrackerError(f"MediaPipe failed at a picture: {error}") from error
         return [
@@ -118,6 +124,20 @@ class Landmarker:
     def close(self) -> None:
         """Give back what it holds."""
         self._landmarker.close()
+
+
+@contextmanager
+def _muted() -> Iterator[None]:
+    """Keep off standard error what MediaPipe's native code writes there while it starts: it has no switch for that."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def _imported(name: str) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import sys
 import time
@@ -202,12 +203,15 @@ class Vision:
         return module  # type: ignore[no-any-return]  # it is one, with more in it
 
     def create(self, options: Any) -> Vision:
+        os.write(2, b"I0000 a log line of native code")
         if self.unusable is not None:
             raise self.unusable
         self.options = options
         return self
 
     def detect_for_video(self, image: Any, ms: int) -> Any:
+        if not self.pictures:
+            os.write(2, b"W0000 a log line of native code")
         if self.fails is not None:
             raise self.fails
         self.pictures.append((image, ms))
@@ -242,7 +246,7 @@ def installed(monkeypatch: pytest.MonkeyPatch, vision: Vision, capture: Capture 
 
 
 def test_mediapipe_gets_increasing_milliseconds_and_gives_landmarks(
-    monkeypatch: pytest.MonkeyPatch, model: Path
+    monkeypatch: pytest.MonkeyPatch, model: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     vision = Vision()
     installed(monkeypatch, vision)
@@ -256,6 +260,7 @@ def test_mediapipe_gets_increasing_milliseconds_and_gives_landmarks(
     assert picture is BLUE
     assert [[hand.side for hand in hands] for hands in seen] == [["left"]] * 4
     np.testing.assert_array_equal(seen[0][0].landmarks, MARKS)
+    assert capfd.readouterr().err == ""
     landmarker.close()
     assert vision.closed
     vision.fails = RuntimeError("graph has errors")
