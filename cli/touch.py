@@ -10,7 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.control import Control
 from rich.segment import ControlType
@@ -95,6 +97,39 @@ class _Best:
         points = float(moment.fading.levels.sum())
         if points > self._points:
             self.moment, self._points = moment, points
+
+
+class _Reach:
+    """Keeps where hands and objects were, to explain why none touched."""
+
+    def __init__(self) -> None:
+        self._hands: list[NDArray[np.float64]] = []
+        self._objects: list[NDArray[np.float64]] = []
+
+    def __call__(self, moment: TouchMoment) -> None:
+        """Consider the next moment."""
+        for boxes, things in (
+            (self._hands, [hand.landmarks for hand in moment.hands]),
+            (self._objects, [mesh.vertices for mesh in moment.objects]),
+        ):
+            for which, points in enumerate(things):
+                box = np.array([points.min(axis=0), points.max(axis=0)])
+                if which == len(boxes):
+                    boxes.append(box)
+                boxes[which] = np.array([np.minimum(boxes[which][0], box[0]), np.maximum(boxes[which][1], box[1])])
+
+    def explained(self, names: Sequence[str]) -> str:
+        """Where objects and hands were, in m."""
+        if not self._hands:
+            return "no hand was seen"
+        low, high = np.min(self._hands, axis=0)[0], np.max(self._hands, axis=0)[1]
+        objects = [f"{name} {_box(*box)}" for name, box in zip(names, self._objects, strict=False)]
+        return f"no hand touched an object: hands were {_box(low, high)}; {'; '.join(objects)}"
+
+
+def _box(low: NDArray[np.float64], high: NDArray[np.float64]) -> str:
+    axes = (f"{axis} {a:.3f} to {b:.3f}" for axis, a, b in zip("xyz", low, high, strict=True))
+    return f"within {', '.join(axes)} m"
 
 
 @commands.command(
@@ -224,7 +259,8 @@ def touch(
         source = stack.enter_context(_opened_hands(opener, hand, opened, placed, view))
         warn_of_notes(source)
         transducers = array_of(opened, own)
-        seen: list[Callable[[TouchMoment], None]] = [best] if picture or timeline else []
+        reach = _Reach()
+        seen: list[Callable[[TouchMoment], None]] = [reach, best] if picture or timeline else [reach]
         if recording is not None:
             seen.append(stack.enter_context(TouchLog(recording, source.rate, way, hand, placed)))
         loop = TouchLoop(
@@ -261,6 +297,8 @@ def touch(
             failure = error
         finally:
             meter.end()
+            if meter.last.frames and not meter.last.touching:
+                error_console().print(f"warning: {reach.explained(objects)}", style="yellow")
             _tell(out, meter.last, default=render is None)
         if max_exposure is not None:
             out.print(kept(max_exposure, meter.last.least_gain))

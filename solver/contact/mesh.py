@@ -181,7 +181,7 @@ class Mesh:
 
     @property
     def repairs(self) -> tuple[str, ...]:
-        """What was repaired, a clause each, such as "2 duplicate faces removed"; empty if nothing had to be."""
+        """What was repaired or looks wrong, a clause each, such as "2 duplicate faces removed"; empty if nothing."""
         return self.solid.repairs
 
     @property
@@ -217,8 +217,10 @@ class Mesh:
         solid = Solid((self.solid.vertices - self.solid.centre) * factor, self.faces, self.repairs)
         return type(self)(solid, self.rotation, self.centre)
 
-    def repaired(self) -> Self:
+    def repaired(self, *, may_be_open: bool = False) -> Self:
         """The same object with a closed surface; `repairs` lists the repairs that this took.
+
+        With ``may_be_open`` wide holes stay: a cut needs no closed body.
 
         Raises
         ------
@@ -226,7 +228,7 @@ class Mesh:
             If a repair is not safe; the message says what is wrong with the mesh. The rules are those of
             `repair.repair`.
         """
-        vertices, faces, repairs = repair(self.solid.vertices, self.faces)
+        vertices, faces, repairs = repair(self.solid.vertices, self.faces, may_be_open=may_be_open)
         return type(self)(Solid(vertices, faces, self.repairs + repairs), self.rotation, self.offset)
 
     @classmethod

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .edges import edge_tables
 
-__all__ = ["WIDEST_CRACK", "repair"]
+__all__ = ["WIDEST_CRACK", "OpenSurfaceError", "repair"]
 
 WIDEST_CRACK = 8.6e-3
 """Width in metres up to which holes are closed: the wavelength of 40 kHz in air, below which nothing can be felt."""
@@ -42,7 +42,11 @@ Points: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 
 
-def repair(vertices: Points, faces: Indices) -> tuple[Points, Indices, tuple[str, ...]]:
+class OpenSurfaceError(ValueError):
+    """A surface that bounds no body, but can be felt if it may be open."""
+
+
+def repair(vertices: Points, faces: Indices, *, may_be_open: bool = False) -> tuple[Points, Indices, tuple[str, ...]]:
     """Make a closed surface of triangles, its faces counterclockwise as seen from outside.
 
     Identical vertices become one, and what no face uses is left out, as any list of separate triangles needs. Beyond
@@ -61,11 +65,13 @@ def repair(vertices: Points, faces: Indices) -> tuple[Points, Indices, tuple[str
         In metres.
     faces : (f, 3) int
         Vertices of each triangle.
+    may_be_open : bool
+        Whether a surface with wide holes, or a sheet without an inside, is left as it is.
 
     Returns
     -------
     vertices, faces
-        Of the closed surface.
+        Of the surface.
     repairs : tuple of str
         A clause for each kind of repair, such as "2 duplicate faces removed".
 
@@ -90,13 +96,19 @@ def repair(vertices: Points, faces: Indices) -> tuple[Points, Indices, tuple[str
         if len(vertices) < before:
             notes.append(f"{before - len(vertices)} vertices merged with others within {ROUNDING * extent:.2g} m")
             faces = _oriented(_without_doubles(faces, len(vertices), notes), len(vertices), notes)
-    if (open_edges := _unbalanced(faces, len(vertices))).size:
-        vertices, faces = _closed(vertices, faces, open_edges, notes)
-        faces = _without_doubles(faces, len(vertices), notes)  # a lid on a single face is its other side
-    if _unbalanced(faces, len(vertices)).size:
-        raise ValueError("its faces overlap in a way that bounds no body")
-    vertices, faces = _used(vertices, faces)
-    return vertices, _outward(vertices, faces, notes), tuple(notes)
+    try:
+        if (open_edges := _unbalanced(faces, len(vertices))).size:
+            vertices, faces = _closed(vertices, faces, open_edges, notes)
+            faces = _without_doubles(faces, len(vertices), notes)  # a lid on a single face is its other side
+        if _unbalanced(faces, len(vertices)).size:
+            raise OpenSurfaceError("its faces overlap in a way that bounds no body")
+        vertices, faces = _used(vertices, faces)
+        return vertices, _outward(vertices, faces, notes), tuple(notes)
+    except OpenSurfaceError:
+        if not may_be_open:
+            raise
+        notes.append(f"{_counted(len(_unbalanced(faces, len(vertices))), 'open edge')} left: it is a surface, no body")
+        return *_used(vertices, faces), tuple(notes)
 
 
 def _refuse_loose(vertices: Points, faces: Indices, near: float) -> None:
@@ -177,7 +189,7 @@ def _without_doubles(faces: Indices, vertices: int, notes: list[str]) -> Indices
     odd = (np.bincount(face_edges.ravel()) % 2 == 1)[face_edges].any(axis=1)
     kept: Indices = single[~((uses > 1) & (net == 0) & odd)]
     if not len(kept):
-        raise ValueError(SHEET)
+        raise OpenSurfaceError(SHEET)
     notes.append(f"{_counted(len(faces) - len(kept), 'duplicate face')} removed")
     return kept
 
@@ -236,14 +248,14 @@ def _welded(vertices: Points, faces: Indices, loose: Indices, distance: float) -
 def _closed(vertices: Points, faces: Indices, open_edges: Indices, notes: list[str]) -> tuple[Points, Indices]:
     """The mesh with its narrow holes closed; `ValueError` if there are wide ones."""
     if len(open_edges) > MOST_OPEN_EDGES:
-        raise ValueError(f"it is not closed: {len(open_edges)} edges are open; at most {MOST_OPEN_EDGES} may be")
+        raise OpenSurfaceError(f"it is not closed: {len(open_edges)} edges are open; at most {MOST_OPEN_EDGES} may be")
     loops = _loops(open_edges)
     widths = [_width(vertices[loop]) for loop in loops]
     if max(widths) > WIDEST_CRACK:
         wide = [(width, loop) for width, loop in zip(widths, loops, strict=True) if width > WIDEST_CRACK]
         width, loop = max(wide, key=lambda hole: hole[0])
         x, y, z = np.round(vertices[loop].mean(axis=0), 4)
-        raise ValueError(
+        raise OpenSurfaceError(
             f"it is not closed: it has {_counted(len(wide), 'hole')}; the widest has {len(loop)} open edges, is "
             f"{1000 * width:.3g} mm wide and lies around ({x:g}, {y:g}, {z:g}) m (only holes up to "
             f"{1000 * WIDEST_CRACK:g} mm are closed here)"
@@ -303,7 +315,7 @@ def _outward(vertices: Points, faces: Indices, notes: list[str]) -> Indices:
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
     volumes = np.bincount(body, weights=(triangles[:, 0] * normals).sum(axis=1) / 3)
     if np.abs(volumes).sum() <= FLAT * np.linalg.norm(normals, axis=1).sum() ** 1.5:
-        raise ValueError(SHEET)
+        raise OpenSurfaceError(SHEET)
     low, high = (np.full((bodies, 3), bound) for bound in (np.inf, -np.inf))
     np.minimum.at(low, part, vertices)
     np.maximum.at(high, part, vertices)

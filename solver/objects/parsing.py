@@ -96,9 +96,10 @@ class Size:
 
 @dataclass(frozen=True)
 class Scale:
-    """The unit of a mesh file."""
+    """The unit of a mesh file, and whether its surface may have holes."""
 
     scale: float | None = None
+    open: bool = False
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,8 @@ class Surface:
 def object_help() -> str:
     """What an object may be, and its parameters with their defaults, a line each."""
     return f"""{"|".join(SOLIDS)}:{written(Size)}
-FILE ({", ".join(MESH_FILES)}):scale=METRES   in its unit: 0.001 for millimetres
+FILE ({", ".join(MESH_FILES)}):scale=METRES,open=no
+    scale is in its unit: 0.001 for millimetres; open=yes takes a surface with holes
 FILE (.npy, .npz, .nii, .nii.gz) or DICOM folder:level=VALUE,spacing=METRES,step=1
     what is above the level in a volume; a larger step is coarser
 all: {written(Placement)}

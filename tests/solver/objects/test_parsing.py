@@ -72,10 +72,10 @@ def test_a_folder_is_a_dicom_series(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "unknown object ''; known are cone, .* .stl, .obj, .ply, .glb files, and as volumes .npy"),
+        ("", "unknown object ''; known are cone, .* .stl, .obj, .ply, .off, .glb, .3mf files, and as volumes .npy"),
         ("ball", "unknown object 'ball'"),
         ("ball:size=1", "unknown object 'ball'"),
-        ("cup.3mf", "unknown object 'cup.3mf'"),
+        ("cup.step", "unknown object 'cup.step'"),
         ("cube:radius=1", "cube has no parameter 'radius'; it has rotation, size, turn, vx"),
         ("cube:size=a", "cube size 'a' is not a number of metres"),
         ("cube:size", "cube size '' is not a number of metres"),
@@ -85,7 +85,7 @@ def test_a_folder_is_a_dicom_series(tmp_path: Path) -> None:
         ("cube:turn=1e9", "placement turn .* degrees/s must be at most 36000 degrees/s"),
         ("cube:turn=x", "cube turn 'x' is not a number of degrees per second"),
         ("cube:x=0,x=0", "cube x is given twice"),
-        ("cup.stl:size=0.1", "cup.stl has no parameter 'size'; it has rotation, scale"),
+        ("cup.stl:size=0.1", "cup.stl has no parameter 'size'; it has open, rotation, scale"),
         ("ct.nii", "ct.nii needs level=…, the value above which the object is"),
         ("ct.nii.gz:level=high", "ct.nii.gz level 'high' is not a number of the volume's values"),
         ("ct.npy:step=2.5", "ct.npy step '2.5' is not a whole number"),
