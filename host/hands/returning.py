@@ -10,7 +10,7 @@ from threading import Event, Thread
 from ...errors import TrackerError, TrackerLostError
 from ..lines.transport import Timekeeper
 from .frames import HandFrame
-from .sources import HandSource, Source, open_hands
+from .sources import HandFeed, HandSource, open_hands
 
 __all__ = ["open_returning"]
 
@@ -34,7 +34,7 @@ def open_returning(
     return _ReturningHands(source, partial(open_hands, url, clock), on_loss) if source.live else source
 
 
-class _ReturningHands(Source):
+class _ReturningHands(HandFeed):
     live = True
 
     def __init__(

@@ -236,7 +236,7 @@ def read_options(rest: str, known: Mapping[str, Callable[[str], Any]], form: str
     return unquote(where), values
 
 
-class Source:
+class HandFeed:
     """What all sources have."""
 
     notes: tuple[str, ...] = ()
@@ -261,7 +261,7 @@ class Source:
         self.close()
 
 
-class PlayedHands(Source):
+class PlayedHands(HandFeed):
     """Frames that can be read at any speed, given when they are due.
 
     Parameters
@@ -338,7 +338,7 @@ class PlayedHands(Source):
         return newest
 
 
-class LiveHands(Source):
+class LiveHands(HandFeed):
     """Frames that a thread of the source's own receives, for the thread that reads them.
 
     A source derives from it, starts its thread, and ends that in `close`. The thread calls `put` and `end`.

@@ -109,6 +109,7 @@ class Surface:
     level: float | None = None
     spacing: float | None = None
     step: int = 1
+    series: str | None = None
 
 
 def object_help() -> str:
@@ -116,8 +117,9 @@ def object_help() -> str:
     return f"""{"|".join(SOLIDS)}:{written(Size)}
 FILE ({", ".join(MESH_FILES)}):scale=METRES,open=no
     scale is in its unit: 0.001 for millimetres; open=yes takes a surface with holes
-FILE (.npy, .npz, .nii, .nii.gz) or DICOM folder:level=VALUE,spacing=METRES,step=1
-    what is above the level in a volume; a larger step is coarser
+FILE (.npy, .npz, .nii, .nii.gz, .nrrd, .dcm), DICOMDIR or DICOM folder:
+level=VALUE,spacing=METRES,step=1,series=NAME
+    what is above the level in a volume; a larger step is coarser; series is one of several, by name or number
 all: {written(Placement)}
     centre in m, degrees about the vertical, m/s, degrees per second"""
 

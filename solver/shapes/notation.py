@@ -68,6 +68,7 @@ READERS: dict[Any, tuple[Callable[[str], Any], str]] = {
     "float": (float, "a number of {unit}"),
     "float | None": (float, "a number of {unit}"),
     "int": (int, "a whole number"),
+    "str | None": (str, "a text"),
     "bool": (_read_bool, "yes or no"),
 }
 """How a parameter is read from text and what it must be, by its annotation."""

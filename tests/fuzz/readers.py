@@ -209,7 +209,15 @@ def _with_text(text: bytes) -> bytes:
 
 def volumes(data: bytes) -> None:
     """Volumes: NumPy's and NIfTI, packed too, and a folder with two files that may be DICOM."""
-    for name, whole in (("a.npy", data), ("a.nii", data), ("a.nii.gz", data), ("a.nii.gz", gzip.compress(data, 1))):
+    for name, whole in (
+        ("a.npy", data),
+        ("a.nii", data),
+        ("a.nrrd", data),
+        ("a.dcm", data),
+        ("DICOMDIR", data),
+        ("a.nii.gz", data),
+        ("a.nii.gz", gzip.compress(data, 1)),
+    ):
         _attempt(_read_volume, whole, name)
     folder = _folder() / "series"
     folder.mkdir(exist_ok=True)

@@ -89,7 +89,7 @@ def test_a_folder_is_a_dicom_series(tmp_path: Path) -> None:
         ("ct.nii", "ct.nii needs level=…, the value above which the object is"),
         ("ct.nii.gz:level=high", "ct.nii.gz level 'high' is not a number of the volume's values"),
         ("ct.npy:step=2.5", "ct.npy step '2.5' is not a whole number"),
-        ("ct.npy:scale=1", "ct.npy has no parameter 'scale'; it has level, rotation, spacing, step"),
+        ("ct.npy:scale=1", "ct.npy has no parameter 'scale'; it has level, rotation, series, spacing, step"),
         ("cup.stl:scale=small", "cup.stl scale 'small' is not a number of metres for each unit"),
     ],
 )

@@ -5,10 +5,12 @@ import math
 import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
 import nibabel
+import nrrd
 import numpy as np
 import pydicom
 import pytest
@@ -19,8 +21,10 @@ from phasewire import Mesh, read_volume_mesh
 from phasewire.errors import InputFileError
 from phasewire.extras import install_command
 from phasewire.solver.objects import volumes
+from phasewire.solver.objects.parsing import parse_object
 from phasewire.solver.objects.volumes import read_volume
 from pydicom.dataset import FileDataset, FileMetaDataset
+from pydicom.fileset import FileSet
 
 from tests.solver.contact.cuts import in_trimesh
 
@@ -135,13 +139,16 @@ def test_a_dicom_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"SeriesInstanceUID": {3: "1.2.4"}}, "its slices have 2 different series; keep those of one series"),
+        (
+            {"SeriesInstanceUID": {3: "1.2.4"}},
+            r"has 2 series: 1.2.3 .33 slices.; .* pass one's number, descr",
+        ),
         ({"PixelSpacing": {3: [1, 1]}}, "2 different distances of pixels"),
         ({"ImageOrientationPatient": {0: [0, 1, 0, 1, 0, 0]}}, "2 different orientations"),
         ({"ImagePositionPatient": {3: [0, 0, 0]}}, "two of its slices lie at the same place"),
         ({"ImagePositionPatient": {33: [0, 0, 110]}}, "its slices are 3 mm apart, but 14 mm from 96 to 110 mm"),
-        ({"NumberOfFrames": {3: 2}}, "several frames"),
-        ({"ImagePositionPatient": {3: None}}, "ValueError|TypeError|inhomogeneous|NoneType"),
+        ({"NumberOfFrames": {3: 2}}, "has 2 frames, and does not say where"),
+        ({"ImagePositionPatient": {3: None}}, "has no ImagePositionPatient"),
         ({"PixelData": {3: b"12"}}, "pixel data"),
         (
             {"RescaleSlope": dict.fromkeys(range(34), 0)},
@@ -153,6 +160,104 @@ def test_an_inconsistent_series_is_refused(changes: dict[str, Any], message: str
     folder = dicom(tmp_path / "series", COUNTS, **changes)
     with pytest.raises(InputFileError, match=rf"^{folder}.*({message})"):
         read_volume_mesh(folder, 0)
+
+
+@pytest.mark.parametrize("series", ["7", 7, "soft tissue", "1.2.7", None, "8"])
+def test_a_series_is_chosen_by_its_number_description_or_uid(series: Any, tmp_path: Path) -> None:
+    """Of two in one folder, of which the other one is empty space."""
+    values = np.rint(BALL * 100 + 2000).astype(np.int16)
+    slices = range(values.shape[2])
+    named: dict[str, Any] = {"SeriesNumber": 7, "SeriesDescription": "soft tissue", "SeriesInstanceUID": "1.2.7"}
+    folder = dicom(tmp_path / "study", values, **{tag: dict.fromkeys(slices, value) for tag, value in named.items()})
+    for file in folder.iterdir():
+        file.rename(folder / f"a{file.name}")
+    dicom(folder, np.zeros_like(values))
+    if series in (None, "8"):
+        with pytest.raises(InputFileError, match=r"has 2 series: .*7 soft tissue .34 slices."):
+            read_volume_mesh(folder, 0, series=series)
+        return
+    is_the_ball(read_volume_mesh(folder, 0, series=series))
+    is_the_ball(parse_object(f"{folder}:level=0,series=7").mesh.moved(CENTRE - np.array([0, 0, 0.17])))
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_dicomdir_names_its_slices(whole: bool, tmp_path: Path) -> None:
+    folder = dicom(tmp_path / "slices", np.rint(BALL * 100 + 2000).astype(np.int16))
+    made = FileSet()
+    for file in folder.iterdir():
+        piece = pydicom.dcmread(file)
+        piece.PatientID, piece.StudyInstanceUID, piece.Modality, piece.SeriesNumber = "1", "1.2", "CT", 1
+        piece.StudyDate, piece.StudyTime, piece.StudyID, piece.InstanceNumber = "20260101", "120000", "1", 1
+        made.add(piece)
+    made.write(tmp_path / "disc")
+    made._stage["t"].cleanup()  # pydicom leaves it to the garbage
+    is_the_ball(read_volume_mesh(tmp_path / "disc" if whole else tmp_path / "disc" / "DICOMDIR", 0))
+
+
+@pytest.mark.parametrize("name", ["../a", "/etc/passwd", ["..", "..", "a"]])
+def test_a_dicomdir_names_nothing_outside(name: Any, tmp_path: Path) -> None:
+    record = pydicom.Dataset()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        record.ReferencedFileID = name
+        listing = pydicom.Dataset()
+        listing.DirectoryRecordSequence = [record]
+        listing.file_meta = FileMetaDataset()
+        listing.file_meta.TransferSyntaxUID = pydicom.uid.ExplicitVRLittleEndian
+        listing.file_meta.MediaStorageSOPClassUID = pydicom.uid.MediaStorageDirectoryStorage
+        listing.file_meta.MediaStorageSOPInstanceUID = "1.2"
+        listing.save_as(tmp_path / "DICOMDIR", enforce_file_format=True)
+    with pytest.raises(InputFileError, match="no file below its folder"):
+        read_volume_mesh(tmp_path / "DICOMDIR", 0)
+
+
+def test_an_enhanced_file_holds_all_its_slices(tmp_path: Path) -> None:
+    values = np.rint(BALL * 100 + 2000).astype(np.int16)
+    [first, *_] = sorted(dicom(tmp_path / "slices", values).iterdir())
+    piece = pydicom.dcmread(first)
+    groups: list[pydicom.Dataset] = []
+    for k in range(values.shape[2]):
+        groups.append(pydicom.Dataset())
+        place = pydicom.Dataset()
+        place.ImagePositionPatient = [0, 0, float(k * STEPS[2] * 1000)]
+        groups[-1].PlanePositionSequence = [place]
+    shared, measures = pydicom.Dataset(), pydicom.Dataset()
+    measures.PixelSpacing = piece.PixelSpacing
+    shared.PixelMeasuresSequence = [measures]
+    piece.NumberOfFrames, piece.PerFrameFunctionalGroupsSequence = len(groups), groups
+    piece.SharedFunctionalGroupsSequence = [shared]
+    del piece.ImagePositionPatient, piece.PixelSpacing
+    piece.PixelData = np.ascontiguousarray(values.transpose(2, 1, 0)).tobytes()
+    piece.save_as(tmp_path / "whole.dcm")
+    is_the_ball(read_volume_mesh(tmp_path / "whole.dcm", 0))
+    with pytest.raises(InputFileError, match="it has 1 slices in DICOM files; at least 2 are needed"):
+        read_volume_mesh(first.rename(tmp_path / "one.dcm"), 0)
+
+
+@pytest.mark.parametrize("series", [1, "1", None, 2, "x"])
+def test_a_nifti_s_volume_is_chosen_by_its_number(series: Any, tmp_path: Path) -> None:
+    path = nifti(tmp_path / "a.nii", np.stack([0 * BALL, BALL], axis=-1), np.diag([*(STEPS * 1000), 1]))
+    if str(series) != "1":
+        with pytest.raises(InputFileError, match="has 2 volumes: pass series=0 to 1 for one of them"):
+            read_volume_mesh(path, 0, series=series)
+        return
+    is_the_ball(read_volume_mesh(path, 0, series=series))
+
+
+@pytest.mark.parametrize("encoding", ["raw", "gzip", "bzip2"])
+@pytest.mark.parametrize(
+    "said", [{"space": "left-posterior-superior"}, {"space dimension": 3, "space units": ["mm"] * 3}, {}]
+)
+def test_nrrd(encoding: str, said: dict[str, Any], tmp_path: Path) -> None:
+    path, header = tmp_path / "a.nrrd", {"encoding": encoding, **said}
+    if said:
+        header |= {"space directions": np.diag(STEPS * 1000), "space origin": np.array([1.0, 2.0, 3.0])}
+    nrrd.write(str(path), BALL, header)
+    if encoding == "bzip2" or not said:
+        with pytest.raises(InputFileError, match=r"encoding bzip2 is not supported|does not say how far its values"):
+            read_volume_mesh(path, 0)
+        return
+    is_the_ball(read_volume_mesh(path, 0), CENTRE + np.array([0.001, 0.002, 0.003]))
 
 
 def test_compressed_slices_are_refused_before_they_are_unpacked(tmp_path: Path) -> None:
@@ -219,7 +324,11 @@ HOSTILE: dict[str, tuple[str, Any, str]] = {
     "a.nii that is cut off": ("a.nii", (348).to_bytes(4, "little"), "NIfTI"),
     "a.nii.gz of another kind": ("a.nii.gz", b"no archive", "cannot be unpacked"),
     "a.nii.gz of nothing": ("a.nii.gz", gzip.compress(b""), "no NIfTI header"),
-    "a.png": ("a.png", b"", "volumes are read from .npy, .npz, .nii and .nii.gz files, and folders with DICOM slices"),
+    "a.png": (
+        "a.png",
+        b"",
+        "volumes are read from .npy, .*, .nii.gz, .nrrd and .dcm files, DICOMDIR, and folders",
+    ),
 }
 
 
