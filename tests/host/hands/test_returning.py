@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 from phasewire.errors import TrackerLostError, TrackerNotFoundError
 from phasewire.host.hands import HandFrame, returning
@@ -12,8 +10,8 @@ from phasewire.host.hands.sources import LiveHands
 
 def test_a_lost_tracker_is_opened_again_and_nothing_comes_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(returning, "PAUSE", 0.01)
-    runs = [LiveHands("run", 100), TrackerNotFoundError("not yet"), LiveHands("run", 120)]
-    opened: Iterator[LiveHands | Exception] = iter(runs)
+    first, second = LiveHands("run", 100), LiveHands("run", 120)
+    opened = iter((first, TrackerNotFoundError("not yet"), second))
 
     def open_hands(_url: str, _clock: object) -> LiveHands:
         run = next(opened)
@@ -21,9 +19,6 @@ def test_a_lost_tracker_is_opened_again_and_nothing_comes_meanwhile(monkeypatch:
             raise run
         return run
 
-    first, _, second = runs
-    assert isinstance(first, LiveHands)
-    assert isinstance(second, LiveHands)
     monkeypatch.setattr(returning, "open_hands", open_hands)
     told: list[TrackerLostError] = []
     hands = returning.open_returning("leap:", on_loss=told.append)

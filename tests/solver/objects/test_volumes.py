@@ -205,7 +205,7 @@ def test_a_dicomdir_names_nothing_outside(name: Any, tmp_path: Path) -> None:
         listing.file_meta = FileMetaDataset()
         listing.file_meta.TransferSyntaxUID = pydicom.uid.ExplicitVRLittleEndian
         listing.file_meta.MediaStorageSOPClassUID = pydicom.uid.MediaStorageDirectoryStorage
-        listing.file_meta.MediaStorageSOPInstanceUID = "1.2"
+        listing.file_meta.MediaStorageSOPInstanceUID = pydicom.uid.UID("1.2")
         listing.save_as(tmp_path / "DICOMDIR", enforce_file_format=True)
     with pytest.raises(InputFileError, match="no file below its folder"):
         read_volume_mesh(tmp_path / "DICOMDIR", 0)
