@@ -93,8 +93,8 @@ def test_without_a_touch_no_picture_is_drawn(touch: Run) -> None:
     assert outcome.code == 0
     for name in ("t.png", "w.png"):
         assert f"{name} was not drawn: no hand touched an object" in outcome.err
-    assert "cube:x=0.5 within x 0.450 to 0.550, y -0.050 to 0.050, z 0.120 to 0.220 m" in outcome.err
         assert not Path(name).exists()
+    assert "cube:x=0.5 within x 0.450 to 0.550, y -0.050 to 0.050, z 0.120 to 0.220 m" in outcome.err
 
 
 @pytest.mark.parametrize(
