@@ -31,7 +31,7 @@ from phasewire.host.hands.frames import HandFrame, TrackedHand
 from phasewire.host.hands.recording import HandRecorder, HandRecording
 from phasewire.host.playing.recording import Recording
 from phasewire.host.touching.log import TouchLog
-from phasewire.pictures import new_figure, printed, save_figure
+from phasewire.pictures import new_figure, save_figure
 from phasewire.protocol.quantise import PulseFrames
 from phasewire.storage import check_outputs, claimed, open_plain, open_zip, read_file, real_path, replacing
 from phasewire.xs1.vcd import write_port_vcd
@@ -159,9 +159,8 @@ def _frames(path: str, _made: object) -> None:
 
 
 def _picture(path: str, _made: object) -> None:
-    with printed():
-        figure = new_figure(1.0, 1.0)
-        figure.subplots().plot([0, 1])
+    figure = new_figure(1.0, 1.0)
+    figure.subplots().plot([0, 1])
     save_figure(figure, path)
 
 
