@@ -7,12 +7,14 @@ import re
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import typer
 from phasewire import __version__
 from phasewire.cli.commands import command_line
 from phasewire.cli.settings import each_command
 from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator
 
 project = "phasewire"
 version = release = __version__
@@ -53,6 +55,7 @@ html_copy_source = False
 html_show_copyright = False
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 
 
 def _add_help(app: Sphinx, name: str, source: list[str]) -> None:
@@ -81,9 +84,21 @@ def _lead_to_the_index(app: Sphinx, error: Exception | None) -> None:
         Path(app.outdir, "index.html").write_text(f'{page}<a href="{link}">{html_title}</a>\n', encoding="utf-8")
 
 
+class _Translator(HTML5Translator):
+    """Writes the captions of the table of contents as headings of a level, which a screen reader needs."""
+
+    def starttag(self, node: Any, tagname: str, suffix: str = "\n", empty: bool = False, **attributes: Any) -> str:
+        """A tag with its attributes."""
+        if attributes.get("ROLE") == "heading":
+            attributes["aria-level"] = "2"
+        tag: str = super().starttag(node, tagname, suffix, empty, **attributes)
+        return tag
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     os.environ.update(COLUMNS="100", NO_COLOR="1")
+    app.set_translator("html", _Translator)
     app.connect("source-read", _add_help)
     app.connect("build-finished", _lead_to_the_index)
     app.connect("autodoc-process-docstring", _escape_bars)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import re
-import shutil
 import subprocess
 import sys
 import threading
@@ -31,33 +30,25 @@ from phasewire.view.browser import saved_from
 from phasewire.view.recordings import open_tape
 from phasewire.view.settings import Settings
 
+from ..chromium import MARKS, PATIENCE, chromium, grave_faults
 from .pages import page_of
 from .test_studio import Session, session
 
-sync_api = pytest.importorskip(
-    "playwright.sync_api", reason="the package playwright is not installed: make test-page does it"
-)
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = [
-    pytest.mark.page,
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed: apt-get install chromium"),
-]
-
+pytestmark = MARKS
 Browser = Any
 Tab = Any
-PATIENCE = 90.0
-"""Seconds, for a busy computer that draws without a graphics processor."""
-FLAGS = [
-    "--headless=new",
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-dev-shm-usage",
-    "--disable-background-networking",
-    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-]
 SIZE = {"width": 1000, "height": 700}
 ARRAY = TransducerArray.grid()
+WIDTHS, AUDITED = (320, 375, 430, 768, 1440), (320, 1440)
+"""In pixels; and those at which axe-core looks, too."""
+FITS = """() => {
+    const stop = document.getElementById("stop"), { left, right, top, bottom } = stop.getBoundingClientRect();
+    const corners = [[left + 3, top + 3], [right - 3, top + 3], [left + 3, bottom - 3], [right - 3, bottom - 3]];
+    return {
+        stop: corners.every(([x, y]) => stop.contains(document.elementFromPoint(x, y))),
+        page: document.documentElement.scrollWidth <= innerWidth,
+    };
+}"""
 FRAME = """() => {
     const { frame, settings, drawn, received } = window.phasewire ?? {};
     return { frame, settings, drawn, received };
@@ -66,10 +57,8 @@ FRAME = """() => {
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    with sync_api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS, timeout=PATIENCE * 1000)
+    with chromium() as opened:
         yield opened
-        opened.close()
 
 
 class Window:
@@ -558,18 +547,31 @@ def test_it_is_used_by_the_keyboard_alone(stage: tuple[Session, Window]) -> None
     assert {"stop", "scene", "quantity", "amplitude", "at", "live", "Top"} <= reached
 
 
-def test_every_control_has_a_name_for_a_screen_reader(stage: tuple[Session, Window]) -> None:
-    _, window = stage
-    nameless = window.tab.evaluate("""() => {
-        for (const each of document.querySelectorAll('details')) each.open = true;
-        return [...document.querySelectorAll('button, input, select, canvas, summary')]
-            .filter((each) => !each.hidden && !(each.labels?.length && each.labels[0].textContent.trim())
-                && !each.ariaLabel && !each.textContent.trim())
-            .map((each) => each.outerHTML);
-    }""")
-    assert nameless == []
-    assert window.tab.get_by_role("status").count() >= 1
-    assert "transducers" in (window.tab.locator("#scene").get_attribute("aria-label") or "")
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_everyone_can_use_it_in_every_state_at_every_width(browser: Browser, scheme: str) -> None:
+    """By axe-core, with all panels open; STOP is whole and uncovered, and the page does not scroll sideways."""
+    with session() as running:
+        tab = browser.new_page(viewport=SIZE, color_scheme=scheme)
+        window = Window(tab, running.view.url)
+        window.until(playing)
+        assert "transducers" in (tab.locator("#scene").get_attribute("aria-label") or "")
+        tab.evaluate("() => { for (const each of document.querySelectorAll('details')) each.open = true; }")
+        window.check("Measure at a place")
+        window.choose("Compare with", "tikhonov")
+        tab.get_by_label("Side by side").wait_for()
+        for enter, said in (
+            (lambda: None, "playing"),
+            (lambda: tab.get_by_role("button", name=re.compile("^STOP")).click(), "stopped"),
+            (lambda: running.view.say("an error: what was wrong, and what would be right", error=True), "wrong"),
+            (running.view.server.close, "Connection lost"),
+        ):
+            enter()
+            tab.get_by_text(said).first.wait_for()
+            for width in WIDTHS:
+                tab.set_viewport_size({"width": width, "height": 800})
+                assert tab.evaluate(FITS) == {"stop": True, "page": True}, (said, width)
+                assert width not in AUDITED or grave_faults(tab) == [], (said, width)
+        tab.close()
 
 
 def test_two_tabs_show_the_same(browser: Browser) -> None:
