@@ -1,20 +1,26 @@
-"""A second method for the points that are played now: what it would emit, and the figures of both."""
+"""A second method for the points of a moment: what it would emit, and the figures of both.
+
+Like is compared with like: the points of one moment, all fields that were emitted for them, and what the second method
+makes of the same points, with the same gains and calibration, in whole ticks.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..protocol.quantise import quantise
-from ..solver import ControlPoints, TwoSidedSolver
+from ..host.touching.fields import PoseSolver
+from ..protocol.quantise import PulseFrames
+from ..solver.rendering.ways import Amplitude, Halves
 from .painting import Complex, Painter
 from .settings import Settings
-from .snapshot import Emitter, Snapshot
+from .snapshot import Emitter, Pose, Snapshot
 
-__all__ = ["Comparison", "gains_of"]
+__all__ = ["Comparison", "Contest", "gains_of"]
 
-FAINTEST = 1e-3
-"""Strength of a point that is about to fade in or out."""
+MOST_FIELDS = 2
 
 
 def gains_of(settings: Settings, transducers: int) -> NDArray[np.float32]:
@@ -24,6 +30,25 @@ def gains_of(settings: Settings, transducers: int) -> NDArray[np.float32]:
     return gains
 
 
+class Contest(NamedTuple):
+    """Two methods for the same points.
+
+    Parameters
+    ----------
+    method : str
+        The first one.
+    this, other : (k, n) complex
+        The emitted fields of the first method, and what the second would emit.
+    numbers : list of (str, str, str)
+        Figures: label, and the values of both.
+    """
+
+    method: str
+    this: Complex
+    other: Complex
+    numbers: list[tuple[str, str, str]]
+
+
 class Comparison:
     """Solves the points of snapshots by a second method.
 
@@ -31,35 +56,46 @@ class Comparison:
     ----------
     emitter : Emitter
         The array and its calibration.
+    painter : Painter
+        Of this array.
     """
 
-    def __init__(self, emitter: Emitter) -> None:
-        self._rig = emitter
-        self._method = ""
-        self._solver: TwoSidedSolver | None = None
+    def __init__(self, emitter: Emitter, painter: Painter) -> None:
+        self._rig, self._painter = emitter, painter
+        self._solvers: dict[tuple[str, int], PoseSolver] = {}
 
-    def drives(self, snapshot: Snapshot, settings: Settings) -> Complex | None:
-        """Both fields of the second method, (2, n), as pulses would emit them; None if there is nothing to compare."""
-        if settings.compare is None or not len(snapshot.points) or not snapshot.points[:, 3].max() > 0:
+    def hold(self, snapshot: Snapshot, settings: Settings) -> Contest | str | None:
+        """The contest of a snapshot; why there is none; or None if the settings ask for none."""
+        if settings.compare is None:
             return None
-        if self._solver is None or self._method != settings.compare:
-            self._method, self._solver = settings.compare, TwoSidedSolver(self._rig.array, settings.compare)
-        solved = self._solver.solve(
-            ControlPoints.trusted(snapshot.points[:, :3].copy(), np.maximum(snapshot.points[:, 3], FAINTEST))
-        )
-        drives = solved.drives * gains_of(settings, len(self._rig.array))
-        pulses = quantise(drives if self._rig.calibration is None else self._rig.calibration.apply(drives))
-        return np.stack([pulses.pulses(half).to_drive() for half in range(len(drives))])
-
-    def numbers(self, painter: Painter, snapshot: Snapshot, other: Complex) -> list[tuple[str, str, str]]:
-        """Figures of what is emitted and of the second method: label, and both values."""
-        places = snapshot.points[:, :3]
-        this, that = (painter.at_points(drives, places) for drives in (snapshot.drives, other))
-        return [
+        pose = snapshot.pose
+        if isinstance(pose, str):
+            return pose
+        if not pose.fading.amplitudes.any():
+            return "every control point is a null"
+        if len(pose.drives) > MOST_FIELDS:
+            return f"{len(pose.drives)} fields take turns; methods are compared for one field or two"
+        pulses = pose.solved if pose.method == settings.compare else None
+        pulses = pulses or self._solved(pose, settings.compare)
+        other = np.stack([pulses.pulses(number).to_drive() for number in range(len(pose.drives))])
+        places = pose.fading.positions
+        this, that = (self._painter.at_points(drives, places) for drives in (pose.drives, other))
+        numbers = [
             ("Mean at the points", f"{this.mean():.0f} Pa", f"{that.mean():.0f} Pa"),
             ("Weakest point", f"{this.min():.0f} Pa", f"{that.min():.0f} Pa"),
             ("Spread", f"{_spread(this):.1f} %", f"{_spread(that):.1f} %"),
         ]
+        return Contest(pose.method or settings.method, pose.drives, other, numbers)
+
+    def _solved(self, pose: Pose, method: str) -> PulseFrames:
+        """What a method would send for the points of a pose."""
+        key = method, len(pose.drives)
+        if key not in self._solvers:
+            way = Amplitude(envelope="square") if len(pose.drives) == 1 else Halves(envelope="square")
+            self._solvers[key] = PoseSolver(self._rig.array, way, method, MOST_FIELDS, self._rig.calibration)
+        solver = self._solvers[key]
+        solver.gains = pose.gains
+        return solver.solve(pose.fading).frames
 
 
 def _spread(values: NDArray[np.float64]) -> float:

@@ -119,7 +119,7 @@ class Painter:
         self._shown = ""
 
     def paint(
-        self, snapshot: Snapshot, settings: Settings, other: Complex | None = None
+        self, snapshot: Snapshot, settings: Settings, beside: tuple[Complex, ...] = ()
     ) -> tuple[list[Painted], dict[str, Any]]:
         """Images of the planes that are on, and their common scale, for the page.
 
@@ -127,8 +127,8 @@ class Painter:
         ----------
         snapshot : Snapshot
         settings : Settings
-        other : (k, n) complex, optional
-            Drives of another method; their horizontal plane is added as the last image.
+        beside : tuple of (k, n) complex
+            Other drives; their horizontal planes are added as the last images.
 
         Raises
         ------
@@ -137,8 +137,7 @@ class Painter:
         """
         quantity = IMAGE_QUANTITIES[settings.quantity]
         wanted = [(name, snapshot.drives) for name in PLANES if getattr(settings, name)]
-        if other is not None:
-            wanted += [("xy", snapshot.drives), ("xy", other)]
+        wanted += [("xy", drives) for drives in beside]
         images = [
             (name, *self._values(name, getattr(settings, f"{name}_at"), drives, quantity)) for name, drives in wanted
         ]

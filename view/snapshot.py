@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..host.playing.calibration import Calibration
+from ..host.touching.fading import Fading
+from ..protocol.quantise import PulseFrames
 from ..protocol.wiring import Wiring
 from ..solver import ControlPoints, Medium, TransducerArray
 from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
 
-__all__ = ["Emitter", "Snapshot", "Waves", "rows_of"]
+__all__ = ["Emitter", "Pose", "Snapshot", "Waves", "rows_of"]
 
 
 def rows_of(points: ControlPoints) -> NDArray[np.float64]:
@@ -57,6 +59,30 @@ class Emitter:
     def channels(self) -> NDArray[np.int64]:
         """(n,) the output of each transducer; without a wiring as if they were wired in their order."""
         return np.arange(len(self.array)) if self.wiring is None else self.wiring.channels
+
+
+class Pose(NamedTuple):
+    """Control points of one moment, and all fields that were emitted for them.
+
+    Parameters
+    ----------
+    fading : Fading
+        The points, with their ramps.
+    drives : (k, n) complex
+        What the transducers emitted, field by field.
+    method : str
+        By which they were solved; empty if that is not known.
+    solved : PulseFrames, optional
+        What was solved and sent, (k, n).
+    gains : (n,) float, optional
+        By which the solution was scaled.
+    """
+
+    fading: Fading
+    drives: NDArray[Any]
+    method: str = ""
+    solved: PulseFrames | None = None
+    gains: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +133,8 @@ class Snapshot:
         Rates, latencies, counts: label and value, for people.
     waves : Waves, optional
         Of the outputs that are watched.
+    whole : Pose or str, optional
+        Points and all of their fields, if `drives` may be those of several moments; or why there are none.
     """
 
     drives: NDArray[Any]
@@ -121,6 +149,18 @@ class Snapshot:
     boards: tuple[str, ...] = ()
     figures: tuple[tuple[str, str], ...] = ()
     waves: Waves | None = None
+    whole: Pose | str | None = None
+
+    @property
+    def pose(self) -> Pose | str:
+        """What can be compared: points and all that was emitted for them; or why nothing can be."""
+        if not len(self.points):
+            return "no control point is touched"
+        if self.whole is not None:
+            return self.whole
+        levels = np.ones(len(self.points))
+        ids = self.ids if len(self.ids) else np.arange(len(self.points))
+        return Pose(Fading(ids, self.points[:, :3].copy(), self.points[:, 3].copy(), levels), self.drives)
 
     def __repr__(self) -> str:
         return f"Snapshot(period {self.period}, {len(self.drives)} × {self.drives.shape[1]} drives, {self.state})"

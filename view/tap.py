@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -25,7 +26,7 @@ from ..protocol.plain import flag_names
 from ..protocol.replies import Status
 from ..solver import TransducerArray
 from .newest import NewestTask
-from .snapshot import Emitter, Snapshot, Waves
+from .snapshot import Emitter, Pose, Snapshot, Waves
 from .view import View
 
 __all__ = ["BITS", "EXACT", "Tap", "emitter_of"]
@@ -36,6 +37,15 @@ REPORT_SECONDS = 0.5
 WAVE_PERIODS = 3
 STRONGEST_PERIODS, STRONGEST_STEP = 200, 10
 """Of a field that the device modulates, the strongest of these periods is shown."""
+TURNS_BACK = 4
+"""Turns before the one that plays in which the fields of a moment are looked for."""
+MOST_POSES = 16
+POSE_SECONDS = 0.5
+"""For which the last moment that was played completely stays the one to compare."""
+SAME = 1e-3
+"""Greatest difference of two drives of the same pulse; a tick more or less changes a drive by more."""
+PARTS = "no moment is played completely: points are fading, hands move too fast, or a fault changes what plays"
+PARTS_READ = "the device is read back one field at a time, and the fields read are not of one moment"
 BITS, READ_BACK = "bits of the emulated boards", "pulses read back from the device"
 EXACT = "bits of the emulated boards in this period alone"
 STARTING, UNREADABLE = "the device is starting", "the device cannot be read back"
@@ -79,6 +89,10 @@ class Tap:
         self._turns: Alternation | None = None
         self._halves: dict[int, NDArray[np.complex128]] = {}
         """Of a device that is not emulated: both fields, as they were last read."""
+        self._poses: deque[Pose] = deque(maxlen=MOST_POSES)
+        """What was solved for the last moments; their drives are not known yet."""
+        self._whole: tuple[float, Pose] | None = None
+        """The last moment that was seen to be played completely, and when."""
         self.figures: tuple[tuple[str, str], ...] = ()
 
     def __enter__(self) -> Self:
@@ -113,6 +127,8 @@ class Tap:
 
     def take_moment(self, moment: TouchMoment, loop: TouchLoop) -> None:
         """Show what hands touch and what a loop plays for it, if it is time."""
+        if moment.cycle is not None:
+            self._poses.append(Pose(moment.fading, self._silence, loop.method, moment.cycle.frames, loop.gains))
         if self.due:
             self._take(loop.alternation, partial(self._touched, moment, loop))
 
@@ -122,13 +138,14 @@ class Tap:
 
     def _take(self, turns: Alternation | None, seen: Callable[[], dict[str, Any]]) -> None:
         self._taken = time.monotonic()
+        poses = tuple(reversed(self._poses))
         if self._emulator is None:
-            self._task.offer(lambda: self._ask(turns, seen()))
+            self._task.offer(lambda: self._ask(turns, poses, seen()))
         else:
             if self._report_is_due():
                 self._report()  # in this thread: a transfer lets the device's time pass
             capture = self._capture()
-            self._task.offer(lambda: self._show(capture, turns, seen()))
+            self._task.offer(lambda: self._show(capture, turns, poses, seen()))
 
     def _capture(self) -> Capture | None:
         """What the outputs of an emulated device did; None while it starts."""
@@ -188,12 +205,13 @@ class Tap:
             "arcs": moment.touch.arcs,
         }
 
-    def _ask(self, turns: Alternation | None, seen: dict[str, Any]) -> None:
+    def _ask(self, turns: Alternation | None, poses: Sequence[Pose], seen: dict[str, Any]) -> None:
         """Show what a device that is not emulated says of itself."""
         if self._report_is_due():
             self._report()
         drives, period, source = self._read_back(turns)
-        self._view.show(Snapshot(drives, period, **{"source": source} | self._with_state(seen)))
+        whole = self._newest_whole(poses, list(self._halves.items()), PARTS_READ)
+        self._view.show(Snapshot(drives, period, **{"source": source, "whole": whole} | self._with_state(seen)))
 
     def _read_back(self, turns: Alternation | None) -> tuple[NDArray[Any], int, str]:
         """What a device says that it plays: fields, the period, and where they come from.
@@ -216,15 +234,43 @@ class Tap:
         both = [self._halves[number] for number in range(2)] if len(self._halves) == 2 else [drive]
         return np.stack(both), read.read_period, READ_BACK
 
-    def _show(self, capture: Capture | None, turns: Alternation | None, seen: dict[str, Any]) -> None:
+    def _newest_whole(self, poses: Sequence[Pose], plays: list[tuple[int, NDArray[Any]]], why: str) -> Pose | str:
+        """The newest moment of which all fields have been played, or why there is none.
+
+        Parameters
+        ----------
+        poses : sequence of Pose
+            What was solved for the last moments, the newest first.
+        plays : list of (int, (n,) complex)
+            What was emitted last: the number of the field in its cycle, and its drives; the newest first.
+        why : str
+            What to say if there is none.
+        """
+        for pose in poses:
+            if (drives := _played(pose, plays)) is not None:
+                self._whole = time.monotonic(), pose._replace(drives=drives)
+                break
+        if self._whole is None or time.monotonic() - self._whole[0] > POSE_SECONDS:
+            return why
+        return self._whole[1]
+
+    def _show(
+        self, capture: Capture | None, turns: Alternation | None, poses: Sequence[Pose], seen: dict[str, Any]
+    ) -> None:
         """Show what an emulated device has played."""
         seen = self._with_state(seen)
         if capture is None:
             self._view.show(Snapshot(self._silence, **{"state": "waiting"} | seen | {"source": STARTING}))
             return
         last = capture.periods - 1
-        waves = self._waves(capture, last + 1)
-        self._view.show(Snapshot(_fields(capture, last, turns), last, **{"source": BITS, "waves": waves} | seen))
+        waves, whole = self._waves(capture, last + 1), None
+        if turns is None:
+            drives = _strongest(capture, last)
+        else:
+            plays = _plays(capture, last, turns)
+            drives = _fields(plays, turns.count)
+            whole = self._newest_whole(poses, plays, PARTS)
+        self._view.show(Snapshot(drives, last, **{"source": BITS, "waves": waves, "whole": whole} | seen))
         at = self._view.settings.at
         kept = range(-(-capture.start_tick // TICKS_PER_PERIOD), capture.periods)
         if at is not None and at in kept and (near := self._view.was(at)) is not None:
@@ -244,17 +290,45 @@ class Tap:
         return seen | {"figures": figures, "boards": self._boards}
 
 
-def _fields(capture: Capture, last: int, turns: Alternation | None) -> NDArray[np.complex64]:
-    """What was emitted up to a period: each of some fields in turn when it played last, or a single one, (k, n)."""
+def _strongest(capture: Capture, last: int) -> NDArray[np.complex64]:
+    """The strongest field up to a period, (1, n)."""
     begin = -(-capture.start_tick // TICKS_PER_PERIOD)
-    if turns is None:
-        recent: NDArray[np.complex64] = capture.drives(max(begin, last + 1 - STRONGEST_PERIODS), last + 1)
-        recent = recent[::-STRONGEST_STEP]
-        return np.asarray(recent[np.abs(recent).sum(axis=1).argmax()][None])
+    recent: NDArray[np.complex64] = capture.drives(max(begin, last + 1 - STRONGEST_PERIODS), last + 1)
+    recent = recent[::-STRONGEST_STEP]
+    return np.asarray(recent[np.abs(recent).sum(axis=1).argmax()][None])
+
+
+def _plays(capture: Capture, last: int, turns: Alternation) -> list[tuple[int, NDArray[np.complex64]]]:
+    """What was emitted in a period and at the end of each of some turns before it, the newest first.
+
+    Each is the number of its field, and its drives, (n,).
+    """
+    begin = -(-capture.start_tick // TICKS_PER_PERIOD)
     ended = last - (last - turns.begins) % turns.hold - 1
-    periods = [last, *(max(begin, ended - number * turns.hold) for number in range(turns.count - 1))]
-    newest = np.stack([capture.drives(period, period + 1)[0] for period in periods])
-    return np.roll(newest[::-1], turns.number(last) + 1, axis=0)
+    periods = [last, *(ended - number * turns.hold for number in range(max(TURNS_BACK, turns.count - 1)))]
+    return [
+        (turns.number(period), capture.drives(period, period + 1)[0])
+        for period in (max(begin, each) for each in periods)
+    ]
+
+
+def _fields(plays: list[tuple[int, NDArray[Any]]], count: int) -> NDArray[Any]:
+    """Each of so many fields in turn when it played last, (count, n)."""
+    newest = dict(reversed(plays))
+    return np.stack([newest.get(number, plays[-1][1]) for number in range(count)])
+
+
+def _played(pose: Pose, plays: list[tuple[int, NDArray[Any]]]) -> NDArray[Any] | None:
+    """The emitted drives of all fields of a pose, (k, n); None if one of them was not played."""
+    assert pose.solved is not None
+    found = []
+    for number in range(len(pose.solved.phase)):
+        sent = pose.solved.pulses(number).to_drive()
+        drive = next((each for which, each in plays if which == number and np.abs(each - sent).max() < SAME), None)
+        if drive is None:
+            return None
+        found.append(drive)
+    return np.stack(found)
 
 
 def touch_figures(report: TouchReport) -> tuple[tuple[str, str], ...]:

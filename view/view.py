@@ -145,7 +145,8 @@ class View:
         self._choices = Choices(
             groups, len(self.emitter.array), tuple(METHODS), tuple(IMAGE_QUANTITIES), tuple(self._director.object_kinds)
         )
-        self._painter, self._comparison = Painter(self.emitter), Comparison(self.emitter)
+        self._painter = Painter(self.emitter)
+        self._comparison = Comparison(self.emitter, self._painter)
         self._past, self._tape = Past(), tape
         self._lock = Lock()
         """Of the snapshots and the settings, which several threads use."""
@@ -376,14 +377,17 @@ class View:
 
     def _fields(self, snapshot: Snapshot, settings: Settings, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
         """What a frame has of the fields; images are added to the arrays."""
-        other = self._comparison.drives(snapshot, settings)
-        images, scale = self._painter.paint(snapshot, settings, other)
+        contest = self._comparison.hold(snapshot, settings)
         side = None
-        if other is not None:
-            *images, this, that = images
+        if isinstance(contest, str):
+            images, scale = self._painter.paint(snapshot, settings)
+            side = {"incomplete": contest}
+        elif contest is None:
+            images, scale = self._painter.paint(snapshot, settings)
+        else:
+            (*images, this, that), scale = self._painter.paint(snapshot, settings, (contest.this, contest.other))
             arrays |= {"this": this.levels, "other": that.levels}
-            numbers = self._comparison.numbers(self._painter, snapshot, other)
-            side = {"method": settings.method, "other": settings.compare, "numbers": numbers}
+            side = {"method": contest.method, "other": settings.compare, "numbers": contest.numbers, "incomplete": ""}
         arrays |= {image.name: image.levels for image in images}
         planes = [
             {"name": image.name, "corner": image.corner.tolist(), "u": image.u.tolist(), "v": image.v.tolist()}

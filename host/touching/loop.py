@@ -149,6 +149,11 @@ class TouchLoop:
     ------
     ValueError
         If a number is out of range.
+
+    Attributes
+    ----------
+    method : str
+        As given.
     """
 
     def __init__(
@@ -174,6 +179,7 @@ class TouchLoop:
         if rate is not None and not rate > 0:
             raise ValueError(f"a rate of {rate:g} hand frames/s must be positive")
         self._gap = 0.0 if rate is None else 1 / rate
+        self.method = method
         self._next = -inf
         """When the next frame may be taken."""
         self._device, self._source, self._toucher, self._array = device, source, toucher, array
@@ -206,6 +212,11 @@ class TouchLoop:
     def alternation(self) -> Alternation | None:
         """How the fields take turns; None before the first."""
         return self._turns.alternation
+
+    @property
+    def gains(self) -> NDArray[np.float32] | None:
+        """By which the solved drives are scaled, (n,); None before they are set."""
+        return self._fields.gains
 
     def set_gains(self, gains: NDArray[np.float32]) -> None:
         """Scale the solved drive of each transducer by its gain, (n,) from 0 to 1, from the next pose on.

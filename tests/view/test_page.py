@@ -401,7 +401,9 @@ def test_lists_and_boxes_set_what_they_say(stage: tuple[Session, Window]) -> Non
     ):
         window.choose(label, value)
         window.until(lambda seen, name=name, value=value: seen["settings"][name] == value)  # type: ignore[misc]
-    window.until(lambda seen: seen["frame"]["side"] is not None and seen["frame"]["scale"]["unit"].startswith("W/m²"))
+    window.until(
+        lambda seen: (seen["frame"]["side"] or {}).get("numbers") and seen["frame"]["scale"]["unit"].startswith("W/m²")
+    )
     assert "multiplex" in window.tab.get_by_label("Side by side").inner_text()
     for label, name in (("xz plane", "xz"), ("yz plane", "yz")):
         window.check(label)

@@ -108,6 +108,23 @@ def test_a_hand_feels_the_object_at_its_points(stage: tuple[Session, Page]) -> N
     assert strongest.mean() > 3 * np.abs(pressure(ARRAY, played[-1], [(0, 0, 0.25)]))[0]
 
 
+@pytest.mark.parametrize("hand", ["mouse:", "gesture:sweep"])
+def test_a_method_beside_itself_emits_the_same(hand: str) -> None:
+    """Like with like: the bits of all fields of a moment's points, and what was solved for these."""
+    with session(hand) as running, page_of(running.view.url) as page:
+        page.until(sounding)
+        page.set(compare="wgs")
+        for _ in range(20):
+            frame = page.until(lambda message: sounding(message) and (message["side"] or {}).get("numbers"))
+            assert all(this == that for _, this, that in frame["side"]["numbers"]), frame["side"]
+            np.testing.assert_array_equal(frame.array("this"), frame.array("other"))
+        page.set(compare="multiplex")
+        frame = page.until(lambda message: (message["side"] or {}).get("other") == "multiplex")
+        assert (frame.array("this") != frame.array("other")).any()
+        page.do("stop")
+        page.until(lambda message: (message["side"] or {}).get("incomplete") == "no control point is touched")
+
+
 def test_a_hand_that_is_moved_takes_the_points_with_it(stage: tuple[Session, Page]) -> None:
     _, page = stage
     before = page.until(sounding)

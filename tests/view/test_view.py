@@ -133,8 +133,9 @@ def test_two_fields_are_shown_by_their_stronger_one(view: View, page: Page) -> N
 def test_another_method_is_shown_beside(view: View, page: Page) -> None:
     ring = Circle(0.03, 0.17).sample(0.01)
     view.settle(lambda settings: replace(settings, compare="multiplex"))
+    page.until(lambda message: message["side"] == {"incomplete": "no control point is touched"})
     view.update(two_sided(ARRAY, ring))
-    frame = page.until(lambda message: message["side"] is not None)
+    frame = page.until(lambda message: not message["side"]["incomplete"])
     side = frame["side"]
     assert (side["method"], side["other"]) == ("wgs", "multiplex")
     assert frame.array("other").shape == frame.array("this").shape == frame.array("xy").shape
@@ -258,12 +259,12 @@ def test_an_error_of_painting_is_said_once_and_the_next_frame_comes(
     view: View, page: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page.frame()
-    real = view._comparison.drives
-    monkeypatch.setattr(view._comparison, "drives", lambda *_: 1 / 0)
+    real = view._comparison.hold
+    monkeypatch.setattr(view._comparison, "hold", lambda *_: 1 / 0)
     for number in range(3):
         view.show(Snapshot(np.zeros((1, 320)), period=number))
     assert "division by zero" in page.notice()
-    monkeypatch.setattr(view._comparison, "drives", real)
+    monkeypatch.setattr(view._comparison, "hold", real)
     view.show(Snapshot(np.zeros((1, 320)), period=7))
     page.until(lambda message: message["period"] == 7)
     assert len(page.notices) == 1

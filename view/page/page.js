@@ -521,7 +521,9 @@ function drawTimes(context, first, ticks, x, height) {
 
 function showSide({ side, scale, arrays }) {
   byId("side").hidden = !side;
-  if (!side) return;
+  say(byId("incomplete"), side?.incomplete ? `Comparison incomplete: ${side.incomplete}` : "");
+  all("#side > :not(p)").forEach((part) => { part.hidden = Boolean(side?.incomplete); });
+  if (!side || side.incomplete) return;
   const map = scale.cyclic ? maps.cyclic : maps.sequential;
   const pictures = [["this", side.method], ["other", side.other]];
   pictures.forEach(([which, method]) => {
