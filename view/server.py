@@ -12,6 +12,8 @@ import asyncio
 import hmac
 import http
 import ipaddress
+import logging
+import re
 import secrets
 import socket
 from collections import deque
@@ -21,7 +23,7 @@ from functools import cache
 from importlib.resources import files
 from threading import Event, Thread
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
@@ -32,6 +34,10 @@ from .messages import ACK, MOST_COMMAND_BYTES
 
 __all__ = ["LOOPBACK", "PATIENCE_SECONDS", "PageServer", "is_loopback"]
 
+_log = logging.getLogger(__name__)
+_websockets = logging.getLogger(f"{__name__}.websockets")
+_websockets.addHandler(logging.NullHandler())  # else Python prints what strangers send, with tracebacks
+
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = {"0.0.0.0": socket.gethostname(), "::": "::1"}
 """Addresses that mean all of a computer's, and the name by which its own browser finds it there."""
@@ -41,6 +47,8 @@ MOST_SAVED_BYTES = 2**28
 MOST_PENDING = 100
 DEFAULT_PORT = 80
 """Which a browser leaves out."""
+HOST = re.compile(r"(?:\[(?P<six>[0-9a-f:.]+)\]|(?P<name>[0-9a-z._-]+))(?::(?P<port>[1-9][0-9]{0,4}))?", re.ASCII)
+"""A Host as a browser sends it, in lower case."""
 SOCKET = "/ws"
 THREE = ("jupyter_threejs_sage", "static/r130/three.min.js")
 """three.js as SageMath packages it: a script of one file, with the controls of a camera."""
@@ -114,6 +122,8 @@ class PageServer:
         self._kept: dict[str, bytes] = {}
         self._clients: set[_Client] = set()
         self._loop = asyncio.new_event_loop()
+        self._loop.set_exception_handler(self._tell_trouble)
+        self._troubles: set[str] = set()
         self._stopped = asyncio.Event()
         self._started = Event()
         self._failure: Exception | None = None
@@ -170,6 +180,14 @@ class PageServer:
 
     # In the server's thread
 
+    def _tell_trouble(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Say once what fails in the loop, such as an open file too many, instead of asyncio's lines."""
+        why = context.get("exception") or context["message"]
+        said = f"the page's server is in trouble: {getattr(why, 'strerror', None) or why or repr(why)}"
+        if said not in self._troubles:
+            self._troubles.add(said)
+            _log.warning(said)
+
     def _run(self) -> None:
         try:
             self._loop.run_until_complete(self._serve())
@@ -190,6 +208,7 @@ class PageServer:
                 ping_timeout=PATIENCE_SECONDS,
                 close_timeout=1.0,
                 server_header=None,
+                logger=_websockets,
             )
         except (OSError, ValueError, OverflowError) as error:  # the latter two for what is no address
             self._failure = error
@@ -286,26 +305,28 @@ class PageServer:
         host = request.headers.get("Host", "")
         if not self._is_us(host):
             return self._said(http.HTTPStatus.FORBIDDEN, "the Host of this request is not this server")
-        target = urlsplit(request.path)
-        if target.path == SOCKET:
+        path, _, query = request.path.partition("?")
+        if path == SOCKET:
             if request.headers.get("Origin") != f"http://{host}":
                 return self._said(http.HTTPStatus.FORBIDDEN, "the Origin of this request is not this server's page")
-            given = parse_qs(target.query).get("token", [""])[-1]
+            given = parse_qs(query).get("token", [""])[-1]
             if not hmac.compare_digest(given.encode(), self._token.encode()):
                 return self._said(
                     http.HTTPStatus.FORBIDDEN, "the token is wrong: open the URL that the program printed"
                 )
             return None
-        if target.path not in SOURCES:
+        if path not in SOURCES:
             return self._said(http.HTTPStatus.NOT_FOUND, "there is no such page")
-        place, kind = SOURCES[target.path]
+        place, kind = SOURCES[path]
         return self._response(http.HTTPStatus.OK, _source(*place), kind)
 
     def _is_us(self, host: str) -> bool:
         """Whether a Host names this server; if it listens everywhere, by an address or this computer's name."""
-        asked = urlsplit(f"http://{host}")
-        name = asked.hostname or ""  # in lower case
-        if (asked.port or DEFAULT_PORT) != self._port:
+        asked = HOST.fullmatch(host.lower())
+        if asked is None or int(asked["port"] or DEFAULT_PORT) != self._port:
+            return False
+        name = asked["name"] or asked["six"]
+        if asked["six"] and (not _is_address(name) or ipaddress.ip_address(name).version == 4):
             return False
         if name in (self._listen.lower(), "localhost"):
             return True

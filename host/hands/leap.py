@@ -8,6 +8,7 @@ connect again by itself: if the service closes, the reader gets a `TrackerLostEr
 from __future__ import annotations
 
 import json
+import logging
 import math
 import re
 import socket
@@ -32,6 +33,9 @@ from .recording import PLAYING, played
 from .sources import HandSource, LiveHands, Readiness, read_options
 
 __all__ = ["LEAP", "LeapHands", "ServiceClock"]
+
+_websockets = logging.getLogger(f"{__name__}.websockets")
+_websockets.addHandler(logging.NullHandler())  # else Python prints what strangers send, with tracebacks
 
 HOST, PORT = "127.0.0.1", 6437
 VERSION = 6
@@ -252,10 +256,12 @@ def _connected(opened: ExitStack, address: Address, patience: float) -> ClientCo
                 ping_interval=None,  # a service that answers no ping may still send frames
                 max_size=MOST_MESSAGE_BYTES,
                 max_queue=MOST_QUEUED,
+                logger=_websockets,
             )
         )
-    except (WebSocketException, OSError, EOFError, ValueError) as error:
-        raise TrackerNotFoundError(f"what listens at {address} is no Leap service: {error}; {ADVICE}") from error
+    except (WebSocketException, OSError, EOFError, ValueError, AssertionError) as error:  # the last one by a flood
+        why = str(error) or "it does not answer as a web server"
+        raise TrackerNotFoundError(f"what listens at {address} is no Leap service: {why}; {ADVICE}") from error
 
 
 def _greeting(connection: ClientConnection, address: Address, patience: float) -> str:

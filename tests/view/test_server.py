@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import http.client
+import logging
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -108,11 +110,41 @@ def test_it_listens_on_this_computer_only(served: tuple[PageServer, Heard]) -> N
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "localhost.evil.example:{port}"]
+    ("host", "ours"),
+    [
+        ("127.0.0.1:{port}", True),
+        ("localhost:{port}", True),
+        ("LocalHost:{port}", True),
+        ("evil.example", False),
+        ("evil.example:{port}", False),
+        ("127.0.0.1", False),
+        ("127.0.0.1:1", False),
+        ("localhost.evil.example:{port}", False),
+        ("127.0.0.1.evil.example:{port}", False),
+        ("x@127.0.0.1:{port}", False),
+        ("127.0.0.1:{port}/evil", False),
+        ("127.0.0.1:{port}?evil", False),
+        ("127.0.0.1:{port}#evil", False),
+        ("127.0.0.1:{port}\\evil", False),
+        ("127.0.0.1:{port}:{port}", False),
+        ("127.0.0.1:{port},evil.example", False),
+        ("127.0.0.1 :{port}", False),
+        ("127.0.0.1:0{port}", False),
+        ("127.0.0.1:+{port}", False),
+        ("[127.0.0.1]:{port}", False),
+        ("[::1]:{port}", False),
+        ("[:{port}", False),
+        ("::1:{port}", False),
+        ("127.0.0.1:9999999", False),
+        (":{port}", False),
+        ("", False),
+    ],
 )
-def test_another_host_gets_nothing(served: tuple[PageServer, Heard], host: str) -> None:
+def test_a_host_is_this_server_by_its_address_or_localhost_alone(
+    served: tuple[PageServer, Heard], host: str, ours: bool
+) -> None:
     port = address(served[0].url)[0].rpartition(":")[2]
-    assert get(served[0].url, "/", Host=host.format(port=port)).status == 403
+    assert get(served[0].url, "/", Host=host.format(port=port)).status == (200 if ours else 403)
 
 
 @pytest.mark.parametrize(
@@ -272,23 +304,74 @@ def test_a_notebook_of_this_computer_may_frame_an_embedded_page() -> None:
         assert "frame-ancestors http://localhost:* http://127.0.0.1:*" in policy
 
 
-@pytest.mark.parametrize("lines", ["Host: {host}\r\nHost: {host}", "Host: [", "Host: {host}:9999999"])
-def test_a_request_that_is_none_is_answered_and_nothing_is_printed(
-    served: tuple[PageServer, Heard], lines: str, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+HEAD = "Host: {host}\r\nOrigin: http://{host}\r\n"
+UPGRADE = (
+    "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+    "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+)
+OPENED = "GET /ws?token={token} HTTP/1.1\r\n" + HEAD + UPGRADE
+STRANGE = {
+    "nothing": "",
+    "zeros": "\0" * 1000,
+    "half a request": "GET / HT",
+    "half a head": "GET / HTTP/1.1\r\n" + HEAD,
+    "two hosts": "GET / HTTP/1.1\r\nHost: {host}\r\nHost: {host}\r\n\r\n",
+    "POST": "POST / HTTP/1.1\r\n" + HEAD + "\r\n",
+    "a body": "GET / HTTP/1.1\r\n" + HEAD + "Content-Length: 5\r\n\r\nabcde",
+    "a long line": "GET /" + "x" * 100_000,
+    "many headers": "GET / HTTP/1.1\r\n" + "A: b\r\n" * 1000 + "\r\n",
+    "no colon": "GET / HTTP/1.1\r\nnothing\r\n\r\n",
+    "HTTP/2": "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n",
+    "TLS": "\x16\x03\x01\0\xa5\x01\0\0\xa1\x03\x03" + "\xff" * 160,
+    "a path that is none": "GET //[ HTTP/1.1\r\n" + HEAD + "\r\n",
+    "another version": OPENED.replace(": 13", ": 7"),
+    "a bad key": OPENED.replace("A==", "!"),
+    "no upgrade": OPENED.replace("Upgrade: websocket", "A: b"),
+    "a page and silence": OPENED,
+    "a page and zeros": OPENED + "\0" * 100,
+    "a page and garbage": OPENED + "\xff" * 100,
+    "a page that closes": OPENED + "\x88\x82\0\0\0\0\x03\xe8",
+}
+
+
+def log_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a program that sets up no logging: Python prints warnings on standard error."""
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+
+
+@pytest.mark.parametrize("end", ["reset", "shut", "close"])
+def test_whatever_strangers_send_nothing_is_printed(
+    served: tuple[PageServer, Heard], end: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    host, _ = address(served[0].url)
+    log_nowhere(monkeypatch)
+    host, token = address(served[0].url)
     name, port = host.split(":")
-    for target in ("/", "//["):
+    for said in STRANGE.values():
         with socket.create_connection((name, int(port)), timeout=PATIENCE) as raw:
-            raw.sendall(f"GET {target} HTTP/1.1\r\n{lines.format(host=host)}\r\n\r\n".encode())
-            assert raw.recv(100).split()[1] in (b"400", b"403")
+            raw.sendall(said.replace("{host}", host).replace("{token}", token).encode("latin-1"))
+            if end == "reset":
+                raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            elif end == "shut":
+                raw.shutdown(socket.SHUT_WR)
+                while raw.recv(4096):
+                    pass
+    assert get(served[0].url, "/").status == 200
+    until(lambda: served[0].pages == 0)
     assert capsys.readouterr().err == ""
-    assert not [record for record in caplog.records if record.exc_info]
 
 
-def test_a_name_in_capitals_is_the_same(served: tuple[PageServer, Heard]) -> None:
-    host = address(served[0].url)[0].replace("127.0.0.1", "LocalHost")
-    assert get(served[0].url, "/", Host=host).status == 200
+def test_what_fails_in_the_loop_is_told_once_and_in_plain_words(
+    served: tuple[PageServer, Heard], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log_nowhere(monkeypatch)
+
+    def fail() -> None:
+        raise OSError(24, "Too many open files")
+
+    for _ in range(3):
+        served[0]._call(fail)
+    assert get(served[0].url, "/").status == 200
+    assert capsys.readouterr().err == "the page's server is in trouble: Too many open files\n"
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import json
+import logging
 import socket
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import pairwise
 from typing import Any
 
@@ -236,27 +238,38 @@ def test_a_silent_server_is_no_service() -> None:
 
 
 @pytest.mark.parametrize(
-    "answer",
+    ("answer", "endless"),
     [
-        b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n",
-        b"HTTP/1.1 302 Found\r\nLocation: ws://example/\r\n\r\n",
-        b"hello\r\n",
+        (b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n", False),
+        (b"HTTP/1.1 302 Found\r\nLocation: ws://example/\r\n\r\n", False),
+        (b"HTTP/1.1 101 Swi", False),
+        (b"hello\r\n", False),
+        (b"", False),
+        (bytes(1000), False),
+        (bytes(2**16), True),
+        (b"\xff" * 2**16, True),
     ],
 )
-def test_another_server_is_no_service(answer: bytes) -> None:
+def test_another_server_is_no_service(
+    answer: bytes, endless: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])  # as in a program that sets up no logging
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def respond() -> None:
             connection, _ = server.accept()
-            with connection:
+            with connection, suppress(OSError):
                 connection.recv(4096)
                 connection.sendall(answer)
+                while endless:
+                    connection.sendall(answer)
 
         thread = threading.Thread(target=respond, daemon=True)
         thread.start()
-        with pytest.raises(TrackerNotFoundError, match="is no Leap service"):
-            LeapHands(Address("127.0.0.1", server.getsockname()[1]), patience=5)
+        with pytest.raises(TrackerNotFoundError, match=r"is no Leap service: \w"):
+            LeapHands(Address("127.0.0.1", server.getsockname()[1]), patience=0.5)
         thread.join(PATIENCE)
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize(
