@@ -10,10 +10,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-__all__ = ["GROUPS", "RANGES", "Choices", "HandSetting", "ObjectSetting", "Settings"]
+__all__ = ["FOLLOWED", "GROUPS", "RANGES", "Choices", "HandSetting", "ObjectSetting", "Settings"]
 
 MOST_WATCHED = 8
 MOST_OBJECTS = 8
+FOLLOWED = ("palm", "points")
+"""What the horizontal plane can follow: the middle of a palm, or the points that are touched."""
 REACH = 1.0
 """Metres from the axis of the array, to which hands, objects and planes can be moved."""
 RANGES: dict[str, tuple[float, float]] = {
@@ -99,6 +101,8 @@ class Settings:
     xy_at: float = 0.17
     xz_at: float = 0.0
     yz_at: float = 0.0
+    follow: str | None = None
+    """Of `FOLLOWED`, that at whose height the horizontal plane is; None for a plane at ``xy_at``."""
     probe: tuple[float, float, float] | None = None
     pick: int | None = None
     watched: tuple[int, ...] = ()
@@ -244,6 +248,7 @@ GROUPS: Mapping[str, Mapping[str, Rule]] = {
         "xy_at": _number,
         "xz_at": _number,
         "yz_at": _number,
+        "follow": _optional(_among(lambda _: FOLLOWED)),
         "probe": _optional(_place),
         "pick": _optional(_transducer),
         "watched": _transducers(MOST_WATCHED),

@@ -25,7 +25,7 @@ from .messages import PageCommand, encode, read_command
 from .painting import IMAGE_QUANTITIES, Painter
 from .past import Past
 from .server import LOOPBACK, PageServer
-from .settings import GROUPS, RANGES, Choices, Settings
+from .settings import FOLLOWED, GROUPS, RANGES, Choices, Settings
 from .snapshot import Emitter, Snapshot, rows_of
 
 __all__ = ["Director", "Tape", "View"]
@@ -40,6 +40,8 @@ IDLE_SECONDS = 0.25
 WAIT_SECONDS = 0.1
 CYCLIC, SEQUENTIAL = "twilight", "viridis"
 """Colour maps of matplotlib that are even for the eye, also for one that is colour-blind."""
+FOLLOWING_STEP = 2e-3
+"""Metres by which a plane that follows a hand moves: it takes milliseconds to prepare one at a new height."""
 FULL = 255
 NOTEBOOK_PIXELS = 640
 
@@ -154,6 +156,8 @@ class View:
         """The last error of painting, which is told once."""
         self._newest = Snapshot(np.zeros((1, len(self.emitter.array)), np.complex64), state="waiting")
         self._exact: Snapshot | None = None
+        self._height: float | None = None
+        """Where the plane that follows a hand was last."""
         self._changed, self._closing = Event(), Event()
         self._meshes: tuple[Mesh, ...] = ()
         self._began = time.monotonic()
@@ -339,6 +343,7 @@ class View:
     def _frame(self) -> bytes:
         """The next frame for the page."""
         snapshot, live, settings, (oldest, newest) = self._shown()
+        settings = self._following(snapshot, settings)
         self._keep_objects(snapshot.objects)
         arrays = self._arrays(snapshot)
         fields = {
@@ -363,6 +368,18 @@ class View:
             fields |= self._fields(snapshot, self.settings, arrays)
         fields["probe"] = self._probed(snapshot, settings)
         return encode("frame", fields, arrays)
+
+    def _following(self, snapshot: Snapshot, settings: Settings) -> Settings:
+        """Settings with the horizontal plane at the height of what it follows, or where that was last."""
+        if settings.follow is None:
+            self._height = None
+            return settings
+        palms = [hand.centre[2] for hand in snapshot.hands]
+        heights = palms[:1] if settings.follow == "palm" else snapshot.points[:, 2]
+        if len(heights):
+            least, most = RANGES["xy_at"]
+            self._height = float(np.clip(round(np.mean(heights) / FOLLOWING_STEP) * FOLLOWING_STEP, least, most))
+        return settings if self._height is None else replace(settings, xy_at=self._height)
 
     def _probed(self, snapshot: Snapshot, settings: Settings) -> dict[str, Any] | None:
         """The pressure at the probe, if there is one."""
@@ -465,6 +482,7 @@ class View:
             "device": self.emitter.name,
             "controls": ["past", *(["recording"] if self._tape else []), *self._director.controls],
             "methods": list(METHODS),
+            "followed": list(FOLLOWED),
             "quantities": [
                 {"name": name, "label": each.label, "unit": each.unit, "cyclic": each.cyclic}
                 for name, each in IMAGE_QUANTITIES.items()

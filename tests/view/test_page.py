@@ -226,6 +226,33 @@ def test_from_above_x_is_to_the_right_and_y_up(still: tuple[View, Window]) -> No
     assert abs(back[0] - middle[0]) <= 1
 
 
+@pytest.mark.parametrize("size", [(1440, 900), (375, 700)])
+def test_the_scene_fills_its_space_and_views_along_an_axis_are_orthographic(
+    still: tuple[View, Window], size: tuple[int, int]
+) -> None:
+    """By the corners of the space above the array: within what buttons and colour bars leave free, in its middle."""
+    _, window = still
+    window.tab.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+    corners = np.array([(x, y, z) for x in (-0.1, 0.1) for y in (-0.08, 0.08) for z in (0, 0.25)])
+    for camera, axis in (("3D", None), ("Top", 2), ("Front", 1), ("Side", 0)):
+        window.press(camera)
+        window.draws_on()
+        at = np.array([window.where(corner) for corner in corners])
+        stage, bars = (window.tab.locator(part).bounding_box() for part in ("#stage", "#legend"))
+        below = size[0] < 600
+        right, bottom = (stage["x"] + stage["width"], bars["y"]) if below else (bars["x"], stage["y"] + stage["height"])
+        free = np.array([(stage["x"], stage["y"] + 36), (right, bottom)])
+        assert (at > free[0]).all(), camera
+        assert (at < free[1]).all(), camera
+        used = np.ptp(at, axis=0) / np.ptp(free, axis=0)
+        assert used.max() > 0.6, (camera, used)
+        aside = (at.min(axis=0) + at.max(axis=0) - free.sum(axis=0)) / 2
+        assert (np.abs(aside) < 0.12 * np.ptp(free, axis=0)).all(), (camera, aside)
+        if axis is not None:
+            low, high = (at[corners[:, axis] == corners[end, axis]] for end in (0, -1))
+            assert np.abs(low - high).max() <= 1, camera
+
+
 @pytest.mark.parametrize(("camera", "plane"), [("Top", "xy"), ("Front", "xz"), ("Side", "yz")])
 def test_a_focus_is_drawn_where_it_is(still: tuple[View, Window], camera: str, plane: str) -> None:
     """By pixels: the brightest of the map at the focus, the darkest in the other corners; and it moves as it should."""
@@ -398,6 +425,7 @@ def test_lists_and_boxes_set_what_they_say(stage: tuple[Session, Window]) -> Non
         ("Quantity", "intensity", "quantity"),
         ("Method", "tikhonov", "method"),
         ("Compare with", "multiplex", "compare"),
+        ("Height follows", "palm", "follow"),
     ):
         window.choose(label, value)
         window.until(lambda seen, name=name, value=value: seen["settings"][name] == value)  # type: ignore[misc]

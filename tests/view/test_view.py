@@ -147,6 +147,20 @@ def test_another_method_is_shown_beside(view: View, page: Page) -> None:
     assert float(shown.split()[0]) == pytest.approx(mean, rel=0.05)
 
 
+def test_a_plane_follows_the_palm_or_the_points(view: View, page: Page) -> None:
+    view.update(hands=Hand.flat((0, 0, 0.15)), points=[(0, 0, 0.2), (0, 0, 0.21)])
+    for follow, height in (("palm", 0.15), ("points", 0.205), (None, 0.17)):
+        page.set(follow=follow)
+        page.until(lambda message, height=height: abs(message["planes"][0]["corner"][2] - height) <= 0.001)
+    page.set(follow="palm")
+    for height, shown in ((0.19, 0.19), (0.015, 0.03)):  # the latter is too close to the array
+        view.update(hands=Hand.flat((0, 0, height)))
+        page.until(lambda message, at=shown: abs(message["planes"][0]["corner"][2] - at) <= 0.001)
+    view.update(hands=[])
+    assert page.until(lambda message: not message["sides"])["planes"][0]["corner"][2] == pytest.approx(0.03)
+    assert view.settings.xy_at == 0.17
+
+
 def test_it_goes_back_to_what_was(view: View, page: Page) -> None:
     for number in range(5):
         view.show(Snapshot(np.full((1, 320), number / 5), period=1000 * number))

@@ -1,16 +1,16 @@
 // The live view's page: socket, controls, panels, time line and saved pictures. scene.js draws the 3D view.
 
-import { isDrawnBySoftware, paint, Scene } from "./scene.js";
+import { isDrawnBySoftware, isNarrow, paint, Scene } from "./scene.js";
 
 const TICK_MICROSECONDS = 0.5, PERIOD_TICKS = 50;
 const SEND_MS = 1000 / 60, RECONNECT_MS = 1000, KEEP_OURS_MS = 700, NOTICE_MS = 8000, FILM_MS = 1000 / 30;
-const MOST_WATCHED = 8, WAVE_HEIGHT = 26, BAR = { width: 12, height: 160, top: 62, wide: 156, narrow: 92 };
+const MOST_WATCHED = 8, WAVE_HEIGHT = 26, BAR = { width: 12, high: 160, low: 76, top: 62, wide: 156, narrow: 92 };
 const UNITS = { mm: 1000, "%": 100 };
 const NEW_OBJECT = { x: 0, y: 0, z: 0.17, size: 0.08, rotation: 0 };
 const LOST = "Connection lost";
 const OFF = ": the outputs are turned off when no page is open, unless the command said --unwatched";
 const NEEDED = {
-  setup: ["device", "controls", "methods", "quantities", "object_kinds", "faults", "limits"], settings: ["values"],
+  setup: ["device", "controls", "methods", "followed", "quantities", "object_kinds", "faults", "limits"], settings: ["values"],
   objects: ["count"], frame: ["seconds", "state", "sides", "planes", "scale", "boards", "figures"], notice: ["text"],
 };
 const ARRAYS = { u1: Uint8Array, u4: Uint32Array, f4: Float32Array };
@@ -208,9 +208,10 @@ function makeSlider(place) {
       Object.assign(input, { min: least * times, max: most * times });
     },
     show() {
-      const value = read(path);
-      input.disabled = value === undefined;
-      if (!input.disabled) input.value = value * times;
+      const followed = path === "xy_at" && read("follow");
+      const value = followed ? page.frame?.planes.find(({ name }) => name === "xy")?.corner[2] ?? read(path) : read(path);
+      input.disabled = value === undefined || Boolean(followed);
+      if (value !== undefined) input.value = value * times;
       tell();
     },
   });
@@ -248,6 +249,7 @@ function showSetup(setup) {
   setOptions(byId("quantity"), setup.quantities.map(({ name }) => name), setup.quantities.map(({ label }) => label));
   setOptions(byId("method"), setup.methods);
   setOptions(byId("compare"), ["", ...setup.methods], ["nothing", ...setup.methods]);
+  setOptions(byId("follow"), ["", ...setup.followed], ["nothing", ...setup.followed.map((what) => `the ${what}`)]);
   setOptions(byId("objects.kind"), setup.object_kinds);
   setOptions(byId("fault-name"), setup.faults.map(({ name }) => name));
   showFaultFields();
@@ -403,6 +405,7 @@ function showFrame(frame) {
   drawLegend(frame.scale);
   showFaults(frame.boards);
   showScale(byId("scale"));
+  if (read("follow")) controls.find(({ input }) => input.id === "xy_at").show();
   describe(frame);
 }
 
@@ -548,14 +551,15 @@ function drawPlane(canvas, values, map) {
 }
 
 function drawLegend({ label, unit, largest, cyclic }) {
-  const canvas = byId("legend"), key = JSON.stringify([label, unit, largest, cyclic, colours.ink]);
+  const canvas = byId("legend"), height = isNarrow(byId("stage").clientWidth) ? BAR.low : BAR.high;
+  const key = JSON.stringify([label, unit, largest, cyclic, colours.ink, height]);
   if (canvas.key === key) return;
   canvas.key = key;
   canvas.style.width = `${BAR.wide + BAR.narrow}px`;
-  const context = prepare(canvas, BAR.wide + BAR.narrow, BAR.height + BAR.top + 10);
+  const context = prepare(canvas, BAR.wide + BAR.narrow, height + BAR.top + 10);
   const most = largest > 0 ? largest : 1;
-  drawBar(context, 0, `${label} / ${unit}`, most, cyclic ? maps.cyclic : maps.sequential, niceStep(most, unit));
-  drawBar(context, BAR.wide, "Drive phase / °", 360, maps.cyclic, 90);
+  drawBar(context, 0, height, `${label} / ${unit}`, most, cyclic ? maps.cyclic : maps.sequential, niceStep(most, unit));
+  drawBar(context, BAR.wide, height, "Drive phase / °", 360, maps.cyclic, 90);
   canvas.ariaLabel = `Colour bars: ${label} from 0 to ${short(most)} ${unit}; phase of the transducers from 0 to 360°`;
 }
 
@@ -572,19 +576,19 @@ function wrapped(context, text, width) {
   }, [""]);
 }
 
-function drawBar(context, left, title, most, map, stride) {
-  const bottom = BAR.top + BAR.height;
+function drawBar(context, left, height, title, most, map, stride) {
+  const bottom = BAR.top + height;
   context.fillStyle = colours.ink;
   context.textBaseline = "middle";
   wrapped(context, title, BAR.wide - 8).reverse().forEach((line, k) => context.fillText(line, left, BAR.top - 15 - 13 * k));
-  for (let k = 0; k < BAR.height; k++) {
-    const from = 3 * Math.round((255 * k) / (BAR.height - 1));
+  for (let k = 0; k < height; k++) {
+    const from = 3 * Math.round((255 * k) / (height - 1));
     context.fillStyle = `rgb(${map.subarray(from, from + 3).join()})`;
     context.fillRect(left, bottom - 1 - k, BAR.width, 1);
   }
   context.fillStyle = colours.ink;
   for (let tick = 0; tick * stride <= most * 1.001; tick++) {
-    const y = bottom - (tick * stride * BAR.height) / most;
+    const y = bottom - (tick * stride * height) / most;
     context.fillRect(left + BAR.width, y - 0.5, 4, 1);
     context.fillText(short(tick * stride), left + BAR.width + 8, y);
   }
@@ -678,6 +682,7 @@ function makeScene() {
       before: showFresh,
       drawn() {
         page.drawn += 1;
+        if (page.frame) drawLegend(page.frame.scale); // its size is that of the window
         if (film) compose();
         if (toSave) {
           saveForServer();

@@ -5,11 +5,17 @@ const T = window.THREE;
 
 const SIDES = 20, DISC = 4.9e-3, HOUSING = 5.1e-3, BOARD_DEPTHS = [-1e-3, 5e-3];
 const TICK = 0.05, MARGIN = 0.02, AXIS_HEIGHT = 0.25;
-const FINE_FACES = 3000, BUTTONS = 60, LEGEND = 130, JOINT = 4e-3, REACH_OF_JOINT = 8e-3, DRAG_PIXELS = 4, TURN = Math.PI / 36, ZOOM = 1.2;
+const FINE_FACES = 3000, JOINT = 4e-3, REACH_OF_JOINT = 8e-3, DRAG_PIXELS = 4, TURN = Math.PI / 36, ZOOM = 1.2;
 const BONES = [[0, 1, 2, 3, 4], [0, 5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16], [0, 17, 18, 19, 20], [5, 9, 13, 17]]
   .flatMap((chain) => chain.slice(1).map((to, k) => [chain[k], to]));
 const ASIDE = [[0, -5e-3, -3e-3], [-5e-3, 0, -3e-3], [-4e-3, -4e-3, 0]];
 const VIEWS = { "3D": [0.55, -0.8, 0.55], Top: [0, -1e-4, 1], Front: [0, -1, 0], Side: [1, 0, 0] };
+const FIELD_OF_VIEW = 28, AWAY = 2, NEAR = 0.06, LEAST_FREE = 0.3, FITTING_STEPS = 20;
+/** Pixels around the scene that labels and buttons need, and the colour bars: on its right, or below it in a narrow window. */
+const AROUND = { left: 30, right: 30, top: 48, bottom: 18 }, BARS = { right: 254, bottom: 158 };
+
+/** Whether the colour bars are below the scene. */
+export const isNarrow = (width) => width < 620;
 
 const vector = (flat, k = 0) => new T.Vector3(flat[3 * k], flat[3 * k + 1], flat[3 * k + 2]);
 const basic = (options) => new T.MeshBasicMaterial({ side: T.DoubleSide, ...options });
@@ -392,8 +398,10 @@ export class Scene {
     this.events = events;
     this.renderer = new T.WebGLRenderer({ canvas, antialias });
     this.scene = new T.Scene();
-    this.camera = new T.PerspectiveCamera(28, 1, 0.01, 20);
-    this.camera.up.set(0, 0, 1);
+    this.lenses = { space: new T.PerspectiveCamera(FIELD_OF_VIEW, 1, 0.01, 20), flat: new T.OrthographicCamera(-1, 1, 1, -1, 0.01, 20) };
+    Object.values(this.lenses).forEach((camera) => camera.up.set(0, 0, 1));
+    this.camera = this.lenses.space;
+    this.metresPerPixel = 1e-3;
     this.hands = new Hands(this.scene);
     this.arcs = new Segments(this.scene, 3);
     this.points = new Spheres(this.scene);
@@ -477,6 +485,8 @@ export class Scene {
     const { arrays } = frame;
     this.transducers?.show(arrays.phase, arrays.amplitude);
     this.hands.show(arrays.landmarks ?? [], arrays.quads ?? []);
+    if (this.fitted && !this.sawHands && arrays.landmarks?.length) this.look(this.view);
+    this.sawHands ||= arrays.landmarks?.length > 0;
     this.arcs.show(arrays.arcs ?? []);
     this.#showPoints(arrays.points ?? []);
     this.#showPlanes(frame);
@@ -508,29 +518,70 @@ export class Scene {
 
   // Camera
 
+  /** Look from a direction: what is shown fills the free part of the canvas, in its middle. Along an axis it is seen without perspective. */
   look(direction) {
     this.view = direction;
-    const centre = this.bounds.getCenter(new T.Vector3());
+    this.camera = direction === VIEWS["3D"] ? this.lenses.space : this.lenses.flat;
+    this.orbit.object = this.camera;
+    this.camera.zoom = 1;
     const away = new T.Vector3(...direction).normalize();
-    const distance = this.#distance(centre, away);
-    this.orbit.target.copy(centre);
-    this.camera.position.copy(centre).addScaledVector(away, distance);
+    const { target, distance } = this.#fit(away);
+    this.orbit.target.copy(target);
+    this.camera.position.copy(target).addScaledVector(away, distance);
+    this.#setLens();
     this.orbit.update();
     this.fitted = true;
+    this.labelsChanged = true;
     this.redraw();
   }
 
-  /** The least distance from which the whole space is seen, with room for the labels of its axes. */
-  #distance(centre, away) {
+  /** The part of the canvas for the scene, in pixels. */
+  #free() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const low = isNarrow(width);
+    const right = low ? AROUND.right : BARS.right, bottom = low ? BARS.bottom : AROUND.bottom;
+    const wide = Math.max(LEAST_FREE * width, width - AROUND.left - right, 1);
+    const high = Math.max(LEAST_FREE * height, height - AROUND.top - bottom, 1);
+    return { wide, high, x: AROUND.left + 0.5 * wide, y: AROUND.top + 0.5 * high };
+  }
+
+  /** Where to look at, and from how far, so that all fits; without perspective the scale is set instead. */
+  #fit(away) {
     const right = this.camera.up.clone().cross(away).normalize(), up = away.clone().cross(right);
-    const half = Math.tan((0.5 * this.camera.fov * Math.PI) / 180);
-    const high = half * Math.max(0.5, 1 - BUTTONS / this.canvas.clientHeight);
-    const wide = half * this.camera.aspect * Math.max(0.5, 1 - LEGEND / this.canvas.clientWidth);
-    const { min, max } = this.bounds.clone().expandByScalar(MARGIN);
-    const corners = [min.x - MARGIN, max.x].flatMap((x) => [min.y - MARGIN, max.y].flatMap((y) =>
-      [min.z, max.z].map((z) => new T.Vector3(x, y, z).sub(centre))));
-    return Math.max(...corners.map((corner) =>
-      corner.dot(away) + Math.max(Math.abs(corner.dot(right)) / wide, Math.abs(corner.dot(up)) / high)));
+    const { wide, high } = this.#free(), flat = this.camera === this.lenses.flat;
+    const pixel = (2 * Math.tan((0.5 * FIELD_OF_VIEW * Math.PI) / 180)) / Math.max(1, this.canvas.clientHeight);
+    const target = this.bounds.getCenter(new T.Vector3()), places = this.#extent();
+    let distance = AWAY;
+    for (let step = 0; step < FITTING_STEPS; step++) {
+      const seen = places.map((place) => {
+        const offset = place.clone().sub(target);
+        const depth = flat ? 1 : Math.max(distance - offset.dot(away), 0.05);
+        return new T.Vector2(offset.dot(right) / depth, offset.dot(up) / depth);
+      });
+      const box = new T.Box2().setFromPoints(seen), middle = box.getCenter(new T.Vector2()), size = box.getSize(new T.Vector2());
+      const scale = Math.max(size.x / wide, size.y / high), depth = flat ? 1 : distance;
+      target.addScaledVector(right, middle.x * depth).addScaledVector(up, middle.y * depth);
+      if (flat) this.metresPerPixel = scale;
+      else distance *= scale / pixel;
+    }
+    return { target, distance };
+  }
+
+  /** What must be seen: the corners of the space with its planes, the labels, and hands as far as they are near. */
+  #extent() {
+    const space = this.bounds.clone().expandByVector(new T.Vector3(MARGIN, MARGIN, 0));
+    const { min, max } = space, near = space.clone().expandByVector(new T.Vector3(NEAR, NEAR, 0));
+    const corners = [min.x, max.x].flatMap((x) => [min.y, max.y].flatMap((y) => [min.z, max.z].map((z) => new T.Vector3(x, y, z))));
+    const hands = Array.from({ length: (this.hands.landmarks?.length ?? 0) / 3 }, (_, k) =>
+      vector(this.hands.landmarks, k).clamp(near.min, near.max));
+    return [...corners, ...this.axes.labels.map(({ at }) => at), ...hands];
+  }
+
+  #setLens() {
+    const { clientWidth: width, clientHeight: height } = this.canvas, { x, y } = this.#free();
+    const [right, top] = [width, height].map((pixels) => 0.5 * pixels * this.metresPerPixel);
+    Object.assign(this.lenses.flat, { left: -right, right, top, bottom: -top });
+    this.camera.setViewOffset(width, height, 0.5 * width - x, 0.5 * height - y, width, height);
   }
 
   lookFrom(name) {
@@ -538,7 +589,11 @@ export class Scene {
   }
 
   zoom(closer) {
-    this.#swing((place) => { place.radius *= closer ? 1 / ZOOM : ZOOM; });
+    if (this.camera === this.lenses.flat) {
+      this.camera.zoom *= closer ? ZOOM : 1 / ZOOM;
+      this.camera.updateProjectionMatrix();
+      this.orbit.dispatchEvent({ type: "change" });
+    } else this.#swing((place) => { place.radius *= closer ? 1 / ZOOM : ZOOM; });
   }
 
   #turn(right, up) {
@@ -590,9 +645,9 @@ export class Scene {
     if (!width || !height) return;
     this.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio));
     this.renderer.setSize(width, height);
-    this.camera.setViewOffset(width, height, LEGEND / 2, 0, width, height);
-    this.labelsChanged = true;
     if (this.fitted) this.look(this.view);
+    else this.#setLens();
+    this.labelsChanged = true;
     this.redraw();
   }
 
@@ -623,7 +678,7 @@ export class Scene {
   #boardLabels() {
     const boxes = this.transducers?.boxes ?? [];
     return boxes.map(({ box }, board) => {
-      const at = new T.Vector3(0.5 * (box.min.x + box.max.x), box.max.y + 0.014, box.max.z);
+      const at = new T.Vector3(0.5 * (box.min.x + box.max.x), box.max.y + 0.014, box.max.z + 0.008);
       const fault = this.faults[board];
       return { at, text: fault ? `board ${board}: ${fault}` : `board ${board}`, kind: fault ? "bad" : "tick" };
     }).sort((a, b) => a.kind.localeCompare(b.kind));
