@@ -4,6 +4,7 @@ import { isDrawnBySoftware, isNarrow, paint, Scene } from "./scene.js";
 
 const TICK_MICROSECONDS = 0.5, PERIOD_TICKS = 50;
 const SEND_MS = 1000 / 60, RECONNECT_MS = 1000, KEEP_OURS_MS = 700, NOTICE_MS = 8000, FILM_MS = 1000 / 30;
+const FILM_PART_MS = 200, FILM_PATIENCE = 15, FILM_HEADER = 1000; // bytes: without a picture it is smaller
 const MOST_WATCHED = 8, WAVE_HEIGHT = 26, BAR = { width: 12, high: 160, low: 76, top: 62, wide: 156, narrow: 92 };
 const UNITS = { mm: 1000, "%": 100 };
 const NEW_OBJECT = { x: 0, y: 0, z: 0.17, size: 0.08, rotation: 0 };
@@ -28,6 +29,7 @@ const element = (tag, properties = {}, ...children) => {
   made.append(...children);
   return made;
 };
+const pause = (ms) => new Promise((done) => { setTimeout(done, ms); });
 const say = (target, text) => { if (target.textContent !== text) target.textContent = text; };
 const has = (group) => page.setup?.controls.includes(group) ?? false;
 const clamp = (value, least, most) => Math.min(most, Math.max(least, value));
@@ -551,7 +553,7 @@ function drawPlane(canvas, values, map) {
 }
 
 function drawLegend({ label, unit, largest, cyclic }) {
-  const canvas = byId("legend"), height = isNarrow(byId("stage").clientWidth) ? BAR.low : BAR.high;
+  const canvas = byId("legend"), height = isNarrow(byId("stage")) ? BAR.low : BAR.high;
   const key = JSON.stringify([label, unit, largest, cyclic, colours.ink, height]);
   if (canvas.key === key) return;
   canvas.key = key;
@@ -649,8 +651,10 @@ async function makeFilm(seconds) {
   const parts = [], redrawing = setInterval(() => scene.redraw(), FILM_MS);
   byId("record").disabled = true;
   recorder.ondataavailable = ({ data }) => parts.push(data);
-  recorder.start();
-  await new Promise((done) => { setTimeout(done, 1000 * seconds); });
+  recorder.start(FILM_PART_MS);
+  const size = () => parts.reduce((sum, part) => sum + part.size, 0), last = performance.now() + 1000 * (seconds + FILM_PATIENCE);
+  await pause(1000 * seconds);
+  while (size() < FILM_HEADER && performance.now() < last) await pause(FILM_PART_MS); // a busy computer has drawn nothing yet
   await new Promise((done) => {
     recorder.onstop = done;
     recorder.stop();

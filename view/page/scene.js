@@ -11,11 +11,11 @@ const BONES = [[0, 1, 2, 3, 4], [0, 5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 1
 const ASIDE = [[0, -5e-3, -3e-3], [-5e-3, 0, -3e-3], [-4e-3, -4e-3, 0]];
 const VIEWS = { "3D": [0.55, -0.8, 0.55], Top: [0, -1e-4, 1], Front: [0, -1, 0], Side: [1, 0, 0] };
 const FIELD_OF_VIEW = 28, AWAY = 2, NEAR = 0.06, LEAST_FREE = 0.3, FITTING_STEPS = 20;
-/** Pixels around the scene that labels and buttons need, and the colour bars: on its right, or below it in a narrow window. */
+/** Pixels around the scene that labels and buttons need, and the colour bars: on its right, or below it. */
 const AROUND = { left: 30, right: 30, top: 48, bottom: 18 }, BARS = { right: 254, bottom: 158 };
 
-/** Whether the colour bars are below the scene. */
-export const isNarrow = (width) => width < 620;
+/** Whether a stage is so narrow that the colour bars are better below the scene. */
+export const isNarrow = ({ clientWidth: width, clientHeight: height }) => width - BARS.right < height - BARS.bottom;
 
 const vector = (flat, k = 0) => new T.Vector3(flat[3 * k], flat[3 * k + 1], flat[3 * k + 2]);
 const basic = (options) => new T.MeshBasicMaterial({ side: T.DoubleSide, ...options });
@@ -538,7 +538,7 @@ export class Scene {
   /** The part of the canvas for the scene, in pixels. */
   #free() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
-    const low = isNarrow(width);
+    const low = isNarrow(this.canvas);
     const right = low ? AROUND.right : BARS.right, bottom = low ? BARS.bottom : AROUND.bottom;
     const wide = Math.max(LEAST_FREE * width, width - AROUND.left - right, 1);
     const high = Math.max(LEAST_FREE * height, height - AROUND.top - bottom, 1);
