@@ -16,7 +16,7 @@ from ..protocol.quantise import PulseFrames
 from ..solver.rendering.ways import Amplitude, Halves
 from .painting import Complex, Painter
 from .settings import Settings
-from .snapshot import Emitter, Pose, Snapshot
+from .snapshot import Emitter, PlayedPose, Snapshot
 
 __all__ = ["Comparison", "Contest", "gains_of"]
 
@@ -87,7 +87,7 @@ class Comparison:
         ]
         return Contest(pose.method or settings.method, pose.drives, other, numbers)
 
-    def _solved(self, pose: Pose, method: str) -> PulseFrames:
+    def _solved(self, pose: PlayedPose, method: str) -> PulseFrames:
         """What a method would send for the points of a pose."""
         key = method, len(pose.drives)
         if key not in self._solvers:

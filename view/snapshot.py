@@ -18,7 +18,7 @@ from ..solver import ControlPoints, Medium, TransducerArray
 from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
 
-__all__ = ["Emitter", "Pose", "Snapshot", "Waves", "rows_of"]
+__all__ = ["Emitter", "PlayedPose", "Snapshot", "Waves", "rows_of"]
 
 
 def rows_of(points: ControlPoints) -> NDArray[np.float64]:
@@ -61,7 +61,7 @@ class Emitter:
         return np.arange(len(self.array)) if self.wiring is None else self.wiring.channels
 
 
-class Pose(NamedTuple):
+class PlayedPose(NamedTuple):
     """Control points of one moment, and all fields that were emitted for them.
 
     Parameters
@@ -133,7 +133,7 @@ class Snapshot:
         Rates, latencies, counts: label and value, for people.
     waves : Waves, optional
         Of the outputs that are watched.
-    whole : Pose or str, optional
+    whole : PlayedPose or str, optional
         Points and all of their fields, if `drives` may be those of several moments; or why there are none.
     """
 
@@ -149,10 +149,10 @@ class Snapshot:
     boards: tuple[str, ...] = ()
     figures: tuple[tuple[str, str], ...] = ()
     waves: Waves | None = None
-    whole: Pose | str | None = None
+    whole: PlayedPose | str | None = None
 
     @property
-    def pose(self) -> Pose | str:
+    def pose(self) -> PlayedPose | str:
         """What can be compared: points and all that was emitted for them; or why nothing can be."""
         if not len(self.points):
             return "no control point is touched"
@@ -160,7 +160,7 @@ class Snapshot:
             return self.whole
         levels = np.ones(len(self.points))
         ids = self.ids if len(self.ids) else np.arange(len(self.points))
-        return Pose(Fading(ids, self.points[:, :3].copy(), self.points[:, 3].copy(), levels), self.drives)
+        return PlayedPose(Fading(ids, self.points[:, :3].copy(), self.points[:, 3].copy(), levels), self.drives)
 
     def __repr__(self) -> str:
         return f"Snapshot(period {self.period}, {len(self.drives)} × {self.drives.shape[1]} drives, {self.state})"

@@ -26,7 +26,7 @@ from ..protocol.plain import flag_names
 from ..protocol.replies import Status
 from ..solver import TransducerArray
 from .newest import NewestTask
-from .snapshot import Emitter, Pose, Snapshot, Waves
+from .snapshot import Emitter, PlayedPose, Snapshot, Waves
 from .view import View
 
 __all__ = ["BITS", "EXACT", "Tap", "emitter_of"]
@@ -89,9 +89,9 @@ class Tap:
         self._turns: Alternation | None = None
         self._halves: dict[int, NDArray[np.complex128]] = {}
         """Of a device that is not emulated: both fields, as they were last read."""
-        self._poses: deque[Pose] = deque(maxlen=MOST_POSES)
+        self._poses: deque[PlayedPose] = deque(maxlen=MOST_POSES)
         """What was solved for the last moments; their drives are not known yet."""
-        self._whole: tuple[float, Pose] | None = None
+        self._whole: tuple[float, PlayedPose] | None = None
         """The last moment that was seen to be played completely, and when."""
         self.figures: tuple[tuple[str, str], ...] = ()
 
@@ -128,7 +128,7 @@ class Tap:
     def take_moment(self, moment: TouchMoment, loop: TouchLoop) -> None:
         """Show what hands touch and what a loop plays for it, if it is time."""
         if moment.cycle is not None:
-            self._poses.append(Pose(moment.fading, self._silence, loop.method, moment.cycle.frames, loop.gains))
+            self._poses.append(PlayedPose(moment.fading, self._silence, loop.method, moment.cycle.frames, loop.gains))
         if self.due:
             self._take(loop.alternation, partial(self._touched, moment, loop))
 
@@ -205,7 +205,7 @@ class Tap:
             "arcs": moment.touch.arcs,
         }
 
-    def _ask(self, turns: Alternation | None, poses: Sequence[Pose], seen: dict[str, Any]) -> None:
+    def _ask(self, turns: Alternation | None, poses: Sequence[PlayedPose], seen: dict[str, Any]) -> None:
         """Show what a device that is not emulated says of itself."""
         if self._report_is_due():
             self._report()
@@ -234,12 +234,14 @@ class Tap:
         both = [self._halves[number] for number in range(2)] if len(self._halves) == 2 else [drive]
         return np.stack(both), read.read_period, READ_BACK
 
-    def _newest_whole(self, poses: Sequence[Pose], plays: list[tuple[int, NDArray[Any]]], why: str) -> Pose | str:
+    def _newest_whole(
+        self, poses: Sequence[PlayedPose], plays: list[tuple[int, NDArray[Any]]], why: str
+    ) -> PlayedPose | str:
         """The newest moment of which all fields have been played, or why there is none.
 
         Parameters
         ----------
-        poses : sequence of Pose
+        poses : sequence of PlayedPose
             What was solved for the last moments, the newest first.
         plays : list of (int, (n,) complex)
             What was emitted last: the number of the field in its cycle, and its drives; the newest first.
@@ -255,7 +257,7 @@ class Tap:
         return self._whole[1]
 
     def _show(
-        self, capture: Capture | None, turns: Alternation | None, poses: Sequence[Pose], seen: dict[str, Any]
+        self, capture: Capture | None, turns: Alternation | None, poses: Sequence[PlayedPose], seen: dict[str, Any]
     ) -> None:
         """Show what an emulated device has played."""
         seen = self._with_state(seen)
@@ -318,7 +320,7 @@ def _fields(plays: list[tuple[int, NDArray[Any]]], count: int) -> NDArray[Any]:
     return np.stack([newest.get(number, plays[-1][1]) for number in range(count)])
 
 
-def _played(pose: Pose, plays: list[tuple[int, NDArray[Any]]]) -> NDArray[Any] | None:
+def _played(pose: PlayedPose, plays: list[tuple[int, NDArray[Any]]]) -> NDArray[Any] | None:
     """The emitted drives of all fields of a pose, (k, n); None if one of them was not played."""
     assert pose.solved is not None
     found = []

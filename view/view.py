@@ -395,7 +395,7 @@ class View:
     def _fields(self, snapshot: Snapshot, settings: Settings, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
         """What a frame has of the fields; images are added to the arrays."""
         contest = self._comparison.hold(snapshot, settings)
-        side = None
+        side: dict[str, Any] | None = None
         if isinstance(contest, str):
             images, scale = self._painter.paint(snapshot, settings)
             side = {"incomplete": contest}

@@ -348,7 +348,7 @@ def test_without_power_it_says_that_it_is_stopped_so_that_play_can_be_tried() ->
 def test_a_fault_that_has_passed_is_named_no_more(stage: tuple[Session, Page]) -> None:
     _, page = stage
     page.until(sounding)
-    page.do("fault", fault={"name": "stuck-low", "processor": 4, "bit": 1, "periods": 40_000})
+    page.do("fault", fault={"name": "stuck-low", "processor": 4, "bit": 1, "periods": 100_000})
     page.until(lambda message: message["boards"][2] == "stuck-low")
     page.do("clear-faults")
     page.until(lambda message: not message["boards"][2])

@@ -8,7 +8,7 @@ from phasewire import Emulator, Pulses, open_device
 from phasewire.host.touching.fading import Fading
 from phasewire.host.touching.turns import Alternation
 from phasewire.protocol.quantise import PulseFrames
-from phasewire.view.snapshot import Pose
+from phasewire.view.snapshot import PlayedPose
 from phasewire.view.tap import _fields, _played, _plays
 
 
@@ -29,7 +29,7 @@ def test_fields_in_turn_are_shown_in_their_order(count: int, hold: int) -> None:
 def test_a_moment_is_whole_if_each_of_its_fields_was_played_as_that_one() -> None:
     solved = PulseFrames(np.zeros((2, 320), np.uint8), np.repeat(np.array([[24], [25]], np.uint8), 320, axis=1))
     first, second = (solved.pulses(half).to_drive() for half in range(2))
-    pose = Pose(Fading.nothing(), np.zeros((1, 320)), "wgs", solved)
+    pose = PlayedPose(Fading.nothing(), np.zeros((1, 320)), "wgs", solved)
     older = Pulses(np.zeros(320, int), np.full(320, 23)).to_drive()
     for plays, whole in (
         ([(0, first), (1, second)], True),

@@ -6,6 +6,7 @@ import re
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -147,15 +148,19 @@ def test_another_method_is_shown_beside(view: View, page: Page) -> None:
     assert float(shown.split()[0]) == pytest.approx(mean, rel=0.05)
 
 
+def is_at(height: float, message: Message) -> bool:
+    return bool(abs(message["planes"][0]["corner"][2] - height) <= 0.001)
+
+
 def test_a_plane_follows_the_palm_or_the_points(view: View, page: Page) -> None:
     view.update(hands=Hand.flat((0, 0, 0.15)), points=[(0, 0, 0.2), (0, 0, 0.21)])
     for follow, height in (("palm", 0.15), ("points", 0.205), (None, 0.17)):
         page.set(follow=follow)
-        page.until(lambda message, height=height: abs(message["planes"][0]["corner"][2] - height) <= 0.001)
+        page.until(partial(is_at, height))
     page.set(follow="palm")
     for height, shown in ((0.19, 0.19), (0.015, 0.03)):  # the latter is too close to the array
         view.update(hands=Hand.flat((0, 0, height)))
-        page.until(lambda message, at=shown: abs(message["planes"][0]["corner"][2] - at) <= 0.001)
+        page.until(partial(is_at, shown))
     view.update(hands=[])
     assert page.until(lambda message: not message["sides"])["planes"][0]["corner"][2] == pytest.approx(0.03)
     assert view.settings.xy_at == 0.17
