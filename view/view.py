@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import PhasewireError
+from ..pictures import BLUE, CYCLIC, GREEN, LIGHT, ORANGE, RED, SEQUENTIAL
 from ..protocol.board import BOARDS, CARRIER_HZ, CHANNELS_PER_PROCESSOR, HALF_TICKS_PER_PERIOD, PROCESSORS_PER_BOARD
 from ..protocol.pulses import Pulses
 from ..protocol.wiring import Pin
@@ -38,11 +39,12 @@ MOST_RATE = 60.0
 """Frames per second that are painted."""
 IDLE_SECONDS = 0.25
 WAIT_SECONDS = 0.1
-CYCLIC, SEQUENTIAL = "twilight", "viridis"
-"""Colour maps of matplotlib that are even for the eye, also for one that is colour-blind."""
+COLOURS = {"hand": ORANGE, "point": RED, "probe": GREEN}
+ARCS = {"dark": LIGHT, "light": BLUE}
+"""In either theme of the page; objects have the colour of its text, as they have the colour of ink elsewhere."""
 FOLLOWING_STEP = 2e-3
 """Metres by which a plane that follows a hand moves: it takes milliseconds to prepare one at a new height."""
-FULL = 255
+FULL, LEVELS = 255, 256
 NOTEBOOK_PIXELS = 640
 
 
@@ -426,7 +428,7 @@ class View:
         stronger = strongest, np.arange(snapshot.drives.shape[1])
         arcs = [np.stack([arc[:-1], arc[1:]], axis=1) for arc in snapshot.arcs if len(arc) > 1]
         arrays: dict[str, NDArray[Any]] = {
-            "phase": (np.angle(snapshot.drives[stronger]) % (2 * np.pi) * (256 / (2 * np.pi)))
+            "phase": (np.angle(snapshot.drives[stronger]) % (2 * np.pi) * (LEVELS / (2 * np.pi)))
             .astype(np.int64)
             .astype(np.uint8),
             "amplitude": np.minimum(magnitudes[stronger] * FULL + 0.5, FULL).astype(np.uint8),
@@ -483,6 +485,7 @@ class View:
             "controls": ["past", *(["recording"] if self._tape else []), *self._director.controls],
             "methods": list(METHODS),
             "followed": list(FOLLOWED),
+            "colours": {theme: COLOURS | {"arc": arc} for theme, arc in ARCS.items()},
             "quantities": [
                 {"name": name, "label": each.label, "unit": each.unit, "cyclic": each.cyclic}
                 for name, each in IMAGE_QUANTITIES.items()
@@ -497,7 +500,7 @@ class View:
             "board": boards.astype(np.uint8),
             "processor": processors.astype(np.uint8),
             "bit": bits.astype(np.uint8),
-            "cyclic": _colours(colormaps[CYCLIC]),
+            "cyclic": np.roll(_colours(colormaps[CYCLIC]), LEVELS // 2, axis=0),  # phase 0 is in the middle of the map
             "sequential": _colours(colormaps[SEQUENTIAL]),
         }
         return encode("setup", fields, arrays)
@@ -505,7 +508,7 @@ class View:
 
 def _colours(table: Any) -> NDArray[np.uint8]:
     """256 colours of a map, (256, 3), evenly from its beginning to before its end."""
-    colours: NDArray[np.uint8] = np.asarray(table(np.arange(256) / 256, bytes=True), np.uint8)
+    colours: NDArray[np.uint8] = np.asarray(table(np.arange(LEVELS) / LEVELS, bytes=True), np.uint8)
     return colours[:, :3]
 
 

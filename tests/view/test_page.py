@@ -25,6 +25,7 @@ import pytest
 from numpy.typing import NDArray
 from phasewire import ControlPoints, Pulses, TransducerArray, Wiring, pressure, record, solve
 from phasewire.errors import PhasewireError
+from phasewire.pictures import CYCLIC, SEQUENTIAL
 from phasewire.view import Emitter, Snapshot, View
 from phasewire.view.browser import saved_from
 from phasewire.view.recordings import open_tape
@@ -178,11 +179,14 @@ def near(picture: NDArray[np.uint8], at: tuple[int, int], colour: Any, reach: in
 
 
 def maps(window: Window) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """The colours of a turn of the phase, and of a magnitude, as matplotlib has them."""
+    """The colours of a turn of the phase, and of a magnitude, as other pictures have them."""
     from matplotlib import colormaps
 
     places = np.arange(256) / 256
-    cyclic, sequential = (np.asarray(colormaps[name](places, bytes=True))[:, :3] for name in ("twilight", "viridis"))
+    drawn = (places * 360 + 180) % 360 / 360  # from -180 to 180 degrees, as the picture of an array has them
+    cyclic, sequential = (
+        np.asarray(colormaps[name](at, bytes=True))[:, :3] for name, at in ((CYCLIC, drawn), (SEQUENTIAL, places))
+    )
     return cyclic, sequential
 
 
@@ -709,7 +713,7 @@ def test_a_picture_is_saved_without_a_window(kind: str, tmp_path: Path) -> None:
     colours = {tuple(colour) for colour in picture.reshape(-1, 3).tolist()}
     from matplotlib import colormaps
 
-    fields = {tuple(colour[:3]) for colour in colormaps["viridis"](np.arange(256), bytes=True).tolist()}
+    fields = {tuple(colour[:3]) for colour in colormaps[SEQUENTIAL](np.arange(256), bytes=True).tolist()}
     assert len(colours & fields) > 100
 
 

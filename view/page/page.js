@@ -11,7 +11,7 @@ const NEW_OBJECT = { x: 0, y: 0, z: 0.17, size: 0.08, rotation: 0 };
 const LOST = "Connection lost";
 const OFF = ": the outputs are turned off when no page is open, unless the command said --unwatched";
 const NEEDED = {
-  setup: ["device", "controls", "methods", "followed", "quantities", "object_kinds", "faults", "limits"], settings: ["values"],
+  setup: ["device", "controls", "colours", "methods", "followed", "quantities", "object_kinds", "faults", "limits"], settings: ["values"],
   objects: ["count"], frame: ["seconds", "state", "sides", "planes", "scale", "boards", "figures"], notice: ["text"],
 };
 const ARRAYS = { u1: Uint8Array, u4: Uint32Array, f4: Float32Array };
@@ -69,6 +69,7 @@ const TAKE = {
   setup(message, json) {
     page.setup = json;
     maps = message.arrays;
+    setTheme(document.documentElement.dataset.theme);
     scene?.setUp(message);
     showSetup(json);
   },
@@ -728,8 +729,9 @@ const isDark = () => document.documentElement.dataset.theme !== "light";
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
   const style = getComputedStyle(document.documentElement);
-  const names = ["scene", "axis", "housing", "hand", "object", "point", "arc", "probe", "accent", "bad", "ink", "dim", "line"];
+  const names = ["scene", "axis", "housing", "accent", "bad", "ink", "dim", "line"];
   colours = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+  Object.assign(colours, { object: colours.ink }, page.setup?.colours[theme]);
   scene?.setColours(colours);
   if (page.frame) drawLegend(page.frame.scale);
   byId("theme").textContent = isDark() ? "Light" : "Dark";
