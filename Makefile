@@ -29,7 +29,7 @@ test-usb: $(VENV)/ready      ## a Linux kernel in QEMU uses the emulated device;
 test-usb-all: $(VENV)/ready  ## the same on a newer kernel too, and the tests that take longer
 	@timeout --foreground --kill-after=60 7200 $(BIN)/pytest -q -rs -n 0 -m "guest and not (guest_slow and guest_newest)" tests/guest $(PYTEST_ARGS)
 
-test-page: $(VENV)/browser    ## the live page in a real Chromium, which must be installed
+test-page: $(VENV)/browser    ## the live page and the documents' site in a real Chromium, which must be installed
 	@$(BIN)/pytest -q -rs -n 0 -m page tests/view tests/test_site.py $(PYTEST_ARGS)
 
 fuzz: $(VENV)/fuzz           ## give random bytes to every decoder, FUZZ_SECONDS (60) for each group of decoders
