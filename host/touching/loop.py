@@ -345,7 +345,7 @@ class TouchLoop:
         self._tally.took(frame)
         hands = self._hands_of(frame, now)
         objects = self._objects(now)
-        touch = self._toucher.touch(hands, objects)
+        touch = self._toucher.touch(hands, objects, stamp)
         self._points = self._reached(touch)
         cut = perf_counter()
         if self._clock.monotonic() >= self._turns.due:  # it would be late after the solution

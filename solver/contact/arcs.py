@@ -37,8 +37,9 @@ class Arcs:
 
     Notes
     -----
-    The piece that bridges a knuckle has the face and the quadrilateral of the piece before it. Neighbours may coincide:
-    a cut through a vertex of the mesh crosses several edges there, and each of them is named.
+    The piece that bridges a knuckle is a straight line that lies neither on the object nor in the hand, and has no
+    control points. It has no face, and the quadrilateral of the piece before it. Neighbours may coincide: a cut through
+    a vertex of the mesh crosses several edges there, and each of them is named.
     """
 
     vertices: NDArray[np.float64]
@@ -81,7 +82,7 @@ class Arcs:
 
     @property
     def faces(self) -> NDArray[np.int64]:
-        """(k,) the mesh face of the piece that begins at each vertex; -1 at the last vertex of an arc."""
+        """(k,) the mesh face of the piece that begins at each vertex; -1 for a bridge, and at the last vertex of an arc."""
         return self.names[:, 0]
 
     @property

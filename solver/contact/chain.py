@@ -258,6 +258,7 @@ def _walk(pieces: Any, ends: Any, places: Any, links: Any, pose: Any, number: in
         lines[: arcs + 1] = rows[: arcs + 1]
         rows = lines
     at, owner = np.empty(room, np.int64), np.empty(room, np.int64)  # of each vertex, the end and the segment after it
+    bridges = np.zeros(room, np.bool_)
     n = 0
     for arc in range(enters.size):
         rows[arcs, 1], rows[arcs, 2] = closed[arc], number
@@ -268,7 +269,7 @@ def _walk(pieces: Any, ends: Any, places: Any, links: Any, pose: Any, number: in
             stop = here ^ 1
             here = links[stop]
             if here < 0 or _apart2(places, stop, here) > SAME * SAME:
-                at[n], owner[n] = stop, -1 if here < 0 else stop >> 1
+                at[n], owner[n], bridges[n] = stop, -1 if here < 0 else stop >> 1, here >= 0
                 n += 1
             if here < 0 or here == enters[arc]:
                 break
@@ -283,7 +284,7 @@ def _walk(pieces: Any, ends: Any, places: Any, links: Any, pose: Any, number: in
         for j in range(3):
             vertices[k + i, j] = pose[j, 0] * x + pose[j, 1] * y + pose[j, 2] * z + pose[3, j]
         along[k + i] = places[end, ALONG]
-        names[k + i, 0] = pieces[piece, 1] if piece >= 0 else -1
+        names[k + i, 0] = pieces[piece, 1] if piece >= 0 and not bridges[i] else -1
         names[k + i, 1] = pieces[piece, 0] if piece >= 0 else -1
         names[k + i, 2] = ends[end, 0]
     return vertices, along, names, rows, arcs

@@ -56,7 +56,9 @@ FULL = math.pi / 2
 
 FADING = 0.5  # of the spacing: the length in which κ falls to 1/e, so that it is 0.3 % in the middle of a 10 cm face
 SHARPER = 1.05  # of two crossings too close for two points the first is taken, unless the second is this much sharper
-HOLD = 0.2  # of a step: by how much more than half a step a stretch must change before its number of points does
+HOLD = 0.5  # of a step: by how much more than half a step a stretch must change before its number of points does
+SLACK = 1.5  # by how much steps may be longer or shorter than the density says before their number changes
+CROWDED = 1 / 3  # of `CLOSEST`: how near to each other points may come that are there already
 ROUNDING = 1e-6  # of a step: an exact fit is one
 HALVINGS = 24  # of the interval in which `counts` looks for the density that the room allows
 ROUNDS = 60  # at most of Newton's iteration in `locate`
@@ -65,40 +67,57 @@ OUTWARD = (0.83, 0.49, 0.27)  # a closed arc begins at its farthest vertex in th
 
 
 @part
-def arrange(vertices: Any, starts: Any, closed: Any, names: Any, curvature: Any) -> Any:
-    """The arcs with their lengths, the closed ones from a place on that no triangulation decides.
+def arrange(vertices: Any, names: Any, rows: Any, curvature: Any) -> Any:
+    """The arcs without their bridges, which divide them into open ones, and with their lengths.
 
-    A closed arc begins at a sharp crossing, if it has one; if there are several vertices to begin with, at the farthest
-    in the direction `OUTWARD`.
+    A closed arc without a bridge begins at a place that no triangulation decides: at a sharp crossing, if it has one;
+    if there are several vertices to begin with, at the farthest in the direction `OUTWARD`.
 
     Returns
     -------
     (k, 3), (k,), (k,), (k,)
         Vertices; the quadrilateral of the piece that begins there, at the last vertex the one that ends there;
         curvature; arc length from the arc's first vertex, in metres.
+    (a + 1,), (a,), (a,)
+        Of each of these arcs, its first vertex, whether it is closed, and its object.
     """
     points, owners, values = np.empty_like(vertices), np.empty(curvature.size, np.int64), np.empty_like(curvature)
-    reached = np.zeros(curvature.size)
-    for arc in range(closed.size):
-        begin, count = starts[arc], starts[arc + 1] - starts[arc]
-        cycle, source = begin + count, begin
-        if closed[arc]:
+    reached, pieces = np.zeros(curvature.size), len(rows)
+    for i in range(curvature.size):
+        pieces += names[i, 0] < 0
+    starts, closed, objects = np.zeros(pieces, np.int64), np.zeros(pieces, np.bool_), np.empty(pieces, np.int64)
+    at = arcs = 0
+    for arc in range(len(rows) - 1):
+        begin, cycle = rows[arc, 0], rows[arc + 1, 0]
+        source, count = begin, cycle - begin
+        if rows[arc, 1] == 1:
             cycle -= 1
-            source = _first_vertex(vertices, curvature, begin, cycle)
-        for target in range(begin, begin + count):
+            source, closed[arcs] = _first_vertex(vertices, curvature, begin, cycle), True
+            for i in range(begin, cycle):
+                if names[i, 0] < 0:
+                    source, count, closed[arcs] = begin if i + 1 == cycle else i + 1, cycle - begin, False
+        objects[arcs] = rows[arc, 2]
+        for left in range(count - 1, -1, -1):
             for k in range(3):
-                points[target, k] = vertices[source, k]
-            values[target], owners[target] = curvature[source], names[source, 1]
-            if target > begin:
-                x, y = points[target, 0] - points[target - 1, 0], points[target, 1] - points[target - 1, 1]
-                z = points[target, 2] - points[target - 1, 2]
-                reached[target] = reached[target - 1] + math.sqrt(x * x + y * y + z * z)
+                points[at, k] = vertices[source, k]
+            values[at], owners[at] = curvature[source], names[source, 1]
+            if at > starts[arcs]:
+                x, y, z = (points[at, 0] - points[at - 1, 0], points[at, 1] - points[at - 1, 1],
+                           points[at, 2] - points[at - 1, 2])  # fmt: skip
+                reached[at] = reached[at - 1] + math.sqrt(x * x + y * y + z * z)
+            at += 1
+            if left == 0 or names[source, 0] < 0:
+                if at - starts[arcs] > 1:
+                    owners[at - 1] = owners[at - 2]
+                arcs += 1
+                starts[arcs] = at
+                if left > 0:
+                    objects[arcs] = rows[arc, 2]
             source += 1
             if source == cycle:
                 source = begin
-        if count > 1:
-            owners[begin + count - 1] = owners[begin + count - 2]
-    return points, owners, values, reached
+    return (points[:at], owners[:at], values[:at], reached[:at],
+            starts[: arcs + 1].copy(), closed[:arcs].copy(), objects[:arcs].copy())  # fmt: skip
 
 
 @part
@@ -266,7 +285,8 @@ def counts(lengths: Any, steps: Any, gaps: Any, before: Any, room: Any, spacing:
     gaps : (s, 2) float
         As from `stretches`.
     before : (s,) int
-        How many were there in the frame before, -1 on an arc that is new. As long as that many nearly fit, they stay.
+        How many were there in the frame before, -1 on an arc that is new. That many stay as long as they fit within
+        `HOLD` or `SLACK`; else their number becomes the nearest that does.
     room : int
         Most points on all stretches together. If more are wanted, the density of all of them is lowered alike.
 
@@ -294,12 +314,15 @@ def _fill(share: Any, lengths: Any, steps: Any, gaps: Any, before: Any, spacing:
     """Write the counts with a share of the density, and return how many they are together."""
     total, closest = 0, min(CLOSEST, spacing)
     for i in range(steps.size):
-        both = gaps[i, 0] + gaps[i, 1]
+        both, mass = gaps[i, 0] + gaps[i, 1], share * steps[i]
         extra = both - 1 if both > 0 else 0.0  # steps that a stretch has more than points
         least = 0 if both > 1 else 1
-        fit = share * steps[i] - extra
-        count = before[i] if before[i] >= 0 and abs(fit - before[i]) <= 0.5 + HOLD else math.floor(fit + 0.5)
-        wanted[i] = max(least, min(count, int(lengths[i] / closest - extra + ROUNDING)))
+        count, most = math.floor(mass - extra + 0.5), int(lengths[i] / closest - extra + ROUNDING)
+        if before[i] >= 0:
+            most = max(most, min(before[i], int(lengths[i] / (CROWDED * closest) - extra)))
+            fewest = math.ceil(min(mass - 0.5 - HOLD, mass / SLACK) - extra)
+            count = max(fewest, min(before[i], math.floor(max(mass + 0.5 + HOLD, mass * SLACK) - extra)))
+        wanted[i] = max(least, min(count, most))
         total += wanted[i]
     return total
 

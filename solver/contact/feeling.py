@@ -13,6 +13,7 @@ import numpy as np
 
 from ...compiling import kernel, part
 from .cut import cut_all
+from .placing import WAIT
 from .scene import Scene
 from .tracking import carry, follow
 
@@ -36,6 +37,7 @@ def feel(
     positions: Any,
     marks: Any,
     fresh: int,
+    elapsed: int,
     spacing: float,
     most: int,
 ) -> Any:
@@ -51,15 +53,17 @@ def feel(
         Of the hands, in metres.
     known, poses_before, quads_before
         What was before: see `tracking.carry`.
-    positions, marks, fresh, spacing, most
+    positions, marks, fresh, elapsed, spacing, most
         Of the last points, and how new ones are placed: see `tracking.follow`.
 
     Returns
     -------
     vertices, along, names, rows
         The arcs: see `Arcs`.
-    positions, amplitudes, marks, fresh
-        The points: see `tracking.follow`.
+    positions, amplitudes, marks
+        The points that are felt: see `tracking.follow`.
+    tracked
+        Positions, marks and the next identity of all points, also those that wait.
     """
     scene = Scene(boxes, links, corners, names, curvature, begins, which)
     vertices, along, made_of, rows = cut_all(scene, poses, quads, True)
@@ -67,9 +71,11 @@ def feel(
     carried, moved = carry(poses, quads, known, poses_before, quads_before, positions, marks)
     points, amplitudes, marked, fresh = follow(
         vertices=vertices, names=made_of, rows=rows, curvature=curved, spacing=spacing, most=most,
-        moved=moved, positions=carried, marks=marks, fresh=fresh,
+        moved=moved, positions=carried, marks=marks, fresh=fresh, elapsed=elapsed,
     )  # fmt: skip
-    return vertices, along, made_of, rows, points, amplitudes, marked, fresh
+    shown = np.flatnonzero(marked[WAIT] == 0)
+    tracked = points, marked, fresh
+    return vertices, along, made_of, rows, points[shown], amplitudes[shown], marked[:WAIT, shown], tracked
 
 
 @part

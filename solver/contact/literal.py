@@ -70,9 +70,9 @@ def _cut_mesh(quads: Vector, mesh: Mesh, hands: bool) -> Arcs:
             entered = [segment.ends[half[1]]]
             if following is not None and _distance(stop, segments[following[0]].ends[following[1]]) > SAME:
                 entered.append(stop)
-            for end in entered:
+            for end, face in zip(entered, (segment.face, -1), strict=False):
                 vertices.append(end.place)
-                rows.append((segment.face, segment.quad, end.edge, end.along))
+                rows.append((face, segment.quad, end.edge, end.along))
         last = segments[halves[0][0]].ends[halves[0][1]] if loop else stop
         vertices.append(last.place)
         rows.append((-1, -1, last.edge, last.along))

@@ -14,26 +14,32 @@ import numpy as np
 from ...compiling import part
 from . import density
 
-__all__ = ["ANCHOR", "ID", "OBJECT", "QUAD", "anchors", "before", "felt", "targets", "thinned"]
+__all__ = ["ANCHOR", "ID", "OBJECT", "QUAD", "WAIT", "anchors", "before", "felt", "targets", "thinned"]
 
-ID, OBJECT, QUAD, ANCHOR = range(4)
-"""Rows of marks: identity, object, quadrilateral (hand · 16 + quad), and 1 for an anchor, 0 for other points."""
+ID, OBJECT, QUAD, ANCHOR, WAIT = range(5)
+"""Rows of marks: identity, object, quadrilateral (hand · 16 + quad), 1 for an anchor and 0 for other points, and the
+time in µs after which a new point is felt."""
 
-GONE = 1e-3
-"""Length in metres below which an arc that has points loses them; see `density.SLIGHT`."""
+FRESH = 2 / 3
+"""Length of an arc, relative to the spacing, from which it has a point if its hand feels its object elsewhere."""
 
 
 @part
-def felt(starts: Any, reached: Any, olds: Any, places: Any, marks: Any) -> Any:
-    """Which arcs are long enough for points, and which vertices are near to an anchor of the last frame."""
+def felt(starts: Any, reached: Any, touched: Any, olds: Any, places: Any, marks: Any, spacing: float) -> Any:
+    """Which arcs have points, and which vertices are near to an anchor of the last frame.
+
+    An arc that has points keeps them. Another one needs the length `density.SLIGHT`; if its hand feels its object
+    already, `FRESH` of the spacing.
+    """
     long, held = np.empty(starts.size - 1, np.bool_), np.zeros(reached.size, np.bool_)
     for arc in range(long.size):
-        long[arc] = reached[starts[arc + 1] - 1] >= density.SLIGHT
+        least = max(density.SLIGHT, FRESH * spacing) if touched[arc] else density.SLIGHT
+        long[arc] = reached[starts[arc + 1] - 1] >= least
     for old in range(olds.size):
         if olds[old] < 0:
             continue
         begin, end = starts[olds[old]], starts[olds[old] + 1]
-        long[olds[old]] |= reached[end - 1] >= GONE
+        long[olds[old]] = True
         if marks[ANCHOR, old]:
             for i in range(begin, end):
                 held[i] |= abs(reached[i] - places[old]) <= density.SLIGHT
@@ -41,18 +47,21 @@ def felt(starts: Any, reached: Any, olds: Any, places: Any, marks: Any) -> Any:
 
 
 @part
-def before(spans: Any, arcs: Any, reached: Any, olds: Any, places: Any, marks: Any) -> Any:
-    """How many earlier points that are no anchors are on each stretch; -1 on an arc without any earlier points."""
-    known = np.zeros(arcs, np.bool_)
+def before(spans: Any, arcs: Any, reached: Any, olds: Any, places: Any, taken: Any) -> Any:
+    """How many earlier points are on each stretch that no anchor takes; -1 on an arc without any earlier points."""
+    known, free = np.zeros(arcs, np.bool_), np.ones(olds.size, np.bool_)
     for old in range(olds.size):
         if olds[old] >= 0:
             known[olds[old]] = True
+    for anchor in range(taken.size):
+        if taken[anchor] >= 0:
+            free[taken[anchor]] = False
     earlier = np.zeros(len(spans), np.int64)
     for i in range(len(spans)):
         if not known[spans[i, 0]]:
             earlier[i] = -1
     for old in range(olds.size):
-        if olds[old] < 0 or marks[ANCHOR, old]:
+        if olds[old] < 0 or not free[old]:
             continue
         for i in range(len(spans)):
             if spans[i, 0] == olds[old] and places[old] <= reached[spans[i, 2]]:
@@ -62,14 +71,20 @@ def before(spans: Any, arcs: Any, reached: Any, olds: Any, places: Any, marks: A
 
 
 @part
-def anchors(spans: Any, gaps: Any, closed: Any) -> Any:
-    """How many anchors there are: one before each stretch that begins with one, and those at the ends of open arcs."""
-    total = 0
+def anchors(spans: Any, gaps: Any, closed: Any, reached: Any) -> Any:
+    """The arcs and arc lengths of the anchors, in their order.
+
+    There is one before each stretch that begins with one, and those at the ends of open arcs.
+    """
+    arcs, places, total = np.empty(2 * len(spans), np.int64), np.empty(2 * len(spans)), 0
     for i in range(len(spans)):
         arc = spans[i, 0]
+        if gaps[i, 0] == 1:
+            arcs[total], places[total], total = arc, reached[spans[i, 1]], total + 1
         final = i + 1 == len(spans) or spans[i + 1, 0] != arc
-        total += (gaps[i, 0] == 1) + (final and gaps[i, 1] == 1 and not closed[arc])
-    return total
+        if final and gaps[i, 1] == 1 and not closed[arc]:
+            arcs[total], places[total], total = arc, reached[spans[i, 2]], total + 1
+    return arcs[:total], places[:total]
 
 
 @part
@@ -77,6 +92,7 @@ def targets(
     spans: Any,
     gaps: Any,
     wanted: Any,
+    anchored: Any,
     closed: Any,
     steps: Any,
     reached: Any,
@@ -87,7 +103,7 @@ def targets(
     spacing: Any,
 ) -> Any:
     """Arc lengths of all points of all stretches, in order; and of each, its arc and whether it is an anchor."""
-    total = wanted.sum() + anchors(spans, gaps, closed)
+    total = wanted.sum() + anchored
     places_of, marked, at = np.empty(total), np.empty((total, 2), np.int64), 0
     for i in range(len(spans)):
         arc, first, last = spans[i]

@@ -27,6 +27,9 @@ MOST_POINTS = 32
 LEAST_SPACING = 1e-3
 """Least spacing in metres: far below what a focus resolves."""
 
+FRAME_SECONDS = 0.01
+"""Between frames without a time: trackers give about 100 a second."""
+
 MOST_HANDS = 16
 MOST_OBJECTS = 256
 """Hands and objects at once, so that no call takes unbounded time."""
@@ -108,6 +111,7 @@ class Toucher:
 
     Notes
     -----
+    A new point of a hand that feels the object already is felt after 30 ms; so what just grazes an edge makes no point.
     How points are placed is described in `density`, and how they are followed in `tracking`. Objects are known by their
     place in the sequence and their solid, hands by their nearness.
     """
@@ -131,12 +135,15 @@ class Toucher:
 
     def forget(self) -> None:
         """Begin anew with the next frame: all its points are new."""
-        self._positions, self._marks = frozen(np.empty((0, 3))), frozen(np.empty((4, 0), dtype=np.int64))
+        self._positions, self._marks = frozen(np.empty((0, 3))), frozen(np.empty((5, 0), dtype=np.int64))
         self._quads = _NO_QUADS
+        self._time: float | None = None
         self._objects: tuple[Mesh, ...] = ()
         self._poses, self._same = poses(()), frozen(np.empty(0, dtype=np.bool_))
 
-    def touch(self, hands: Hand | Sequence[Hand], objects: Mesh | Sequence[Mesh]) -> Touch:
+    def touch(
+        self, hands: Hand | Sequence[Hand], objects: Mesh | Sequence[Mesh], time: float | None = None
+    ) -> Touch:
         """What hands feel of objects in the next frame.
 
         Parameters
@@ -145,18 +152,21 @@ class Toucher:
             It may be empty.
         objects : Mesh or sequence of Mesh
             In the same order in each frame.
+        time : float, optional
+            Of the frame, in seconds by any clock. Without it, frames are taken to be `FRAME_SECONDS` apart.
 
         Raises
         ------
         ValueError
-            If there are too many hands or objects, or a value is of another type.
+            If there are too many hands or objects, a value is of another type, or the time is not finite.
         """
+        elapsed = self._elapsed(time)
         quads = _quads(_several(hands, Hand, "hand", MOST_HANDS))
         meshes = _several(objects, Mesh, "object", MOST_OBJECTS)
         before, known = self._poses, self._same
         if meshes != self._objects:
             known = self._enter(meshes)
-        *cuts, self._positions, amplitudes, self._marks, self._fresh = self._feel(
+        *cuts, positions, amplitudes, marks, tracked = self._feel(
             *self._scene,
             poses=self._poses,
             quads=quads,
@@ -166,14 +176,25 @@ class Toucher:
             positions=self._positions,
             marks=self._marks,
             fresh=self._fresh,
+            elapsed=elapsed,
             spacing=self._spacing,
             most=self._most,
         )
         self._quads = quads
-        for whole in (*cuts, self._positions, amplitudes, self._marks):
+        self._positions, self._marks, self._fresh = tracked
+        for whole in (*cuts, positions, amplitudes, marks, self._positions, self._marks):
             frozen(whole)
-        points = ControlPoints.trusted(self._positions, amplitudes) if len(amplitudes) else None
-        return Touch(Arcs(*cuts), points, self._marks)
+        points = ControlPoints.trusted(positions, amplitudes) if len(amplitudes) else None
+        return Touch(Arcs(*cuts), points, marks)
+
+    def _elapsed(self, time: float | None) -> int:
+        """Microseconds since the last frame, 0 if time went backwards, at most a second."""
+        last, self._time = self._time, time
+        if time is None:
+            return round(FRAME_SECONDS * 1e6)
+        if not math.isfinite(time):
+            raise ValueError(f"the time of a frame is {time} s; it must be a finite number")
+        return round(min(max(time - last, 0.0), 1.0) * 1e6) if last is not None else 0
 
     def _enter(self, meshes: tuple[Mesh, ...]) -> NDArray[np.bool_]:
         """Take other objects, or the same ones elsewhere; which of them have the same solid as those before."""

@@ -1,12 +1,18 @@
 """Compiled kernels that keep control points the same ones from frame to frame.
 
 A point is known by its last place: it is projected on the new arcs of its object, preferably those of its
-quadrilateral. The places that the density gives are then shared among the projected points, the nearest ones first. A
-point then moves along its arc towards its place, by no more than `FOLLOW` times the motion of its hand since the last
-frame, plus `SETTLE`. All this is relative to the object: points on an object that moves are moved with it first. So
-points follow a hand without delay, while a place that jumps, because their number on an arc changed or two anchors
-became one, is reached step by step. A point that finds no place ends, and a place without a point begins a new one,
-with a new identity.
+quadrilateral. The places that the density gives are then shared among the projected points: anchors first, then all
+others, the nearest ones first. A plain point may become an anchor, and an anchor a plain one. If points are left and
+places are free on the same arc, those between them move on by one. A point then moves along its arc towards its place,
+by no more than `FOLLOW` times the motion of its hand since the last frame, plus `SETTLE`. All this is relative to the
+object: points on an object that moves are moved with it first. So points follow a hand without delay, while a place
+that jumps, because their number on an arc changed or two anchors became one, is reached step by step. A point that
+finds no place ends, and a place without a point begins a new one, with a new identity.
+
+Points neither come nor go because a hand trembles. Their number on a stretch stays while it fits nearly
+(`density.counts`), an arc without points needs more length than one that has some (`placing.felt`), and a new point of
+a hand that feels the object already waits for `PATIENCE`, tracked but not felt: what an arc wants for a shorter time
+makes no point.
 
 A surviving point thus moves by at most: its distance from the new arcs, which is what the arcs moved; plus that limit.
 The first frame, and arcs without earlier points, have their points exactly at the places of the density.
@@ -23,7 +29,7 @@ from ...compiling import kernel, part
 from . import density, placing
 from .curvature import SHARP
 from .hand import QUADS
-from .placing import ANCHOR, ID, OBJECT, QUAD
+from .placing import ANCHOR, ID, OBJECT, QUAD, WAIT
 
 __all__ = ["FOLLOW", "SETTLE", "carry", "follow"]
 
@@ -39,6 +45,9 @@ spacing; farther ones end. An arc moves this much faster than its hand if the tw
 
 JUMP = 2e-3
 """How far a point may be from the new arcs in any case, in metres: a quarter of a wavelength."""
+
+PATIENCE = 30_000
+"""Time in µs after which a new point is felt if its hand felt its object before."""
 
 STRANGE = 8e-3  # metres: by how much an arc of the same quadrilateral may be farther away than one of another
 LOST = 0.05  # metres: a hand that has moved farther in one frame is another one
@@ -142,6 +151,7 @@ def follow(
     positions: Any,
     marks: Any,
     fresh: int,
+    elapsed: int,
 ) -> Any:
     """Place control points on the arcs of a frame.
 
@@ -157,38 +167,57 @@ def follow(
         Most points.
     moved : (o, h) float
         How far each hand has moved since the last frame, as seen from each object, in metres; inf if either is new.
-    positions, marks : (m, 3), (4, m)
+    positions, marks : (m, 3), (5, m)
         The points of the last frame: their places, moved with their objects since; and their marks, as in `placing`.
     fresh : int
         The next new identity.
+    elapsed : int
+        Since the last frame, in µs.
 
     Returns
     -------
     positions, amplitudes, marks, fresh
-        Of this frame. A point keeps its index as long as no point before it ends unreplaced.
+        Of this frame, with points that wait. A point keeps its index as long as no point before it ends unreplaced.
     """
-    starts, closed, objects = rows[:, 0].copy(), rows[:-1, 1].copy(), rows[:-1, 2].copy()
-    points, owners, values, reached = density.arrange(vertices, starts, closed, names, curvature)
+    points, owners, values, reached, starts, closed, objects = density.arrange(vertices, names, rows, curvature)
     steps, pieces = density.measure(starts, closed, values, reached, spacing)
     olds, places = _project(points, owners, values, reached, starts, objects, positions, marks, moved, spacing)
-    felt, held = placing.felt(starts, reached, olds, places, marks)
-    spans, gaps = density.stretches(starts, closed, values, reached, felt, held, spacing)
-    before = placing.before(spans, closed.size, reached, olds, places, marks)
-    lengths = reached[spans[:, 2]] - reached[spans[:, 1]]
-    masses = steps[spans[:, 2]] - steps[spans[:, 1]]
-    anchors = placing.anchors(spans, gaps, closed)
-    wanted = density.counts(lengths, masses, gaps, before, most - anchors, spacing)
-    targets, marked = placing.targets(spans, gaps, wanted, closed, steps, reached, pieces, olds, places, marks, spacing)
-    kept = placing.thinned(marked, most)
-    arcs, goals, sharp = marked[kept, 0], targets[kept], marked[kept, 1]
     cycles = np.zeros(closed.size)
     for arc in range(closed.size):
         if closed[arc]:
             cycles[arc] = reached[starts[arc + 1] - 1]
-    source = _pairs(arcs, goals, sharp, olds, places, marks, cycles, spacing)
+    seen, contacts = olds.copy(), np.zeros(moved.shape, np.bool_)  # those that are felt, and what they touch
+    for old in range(olds.size):
+        if marks[WAIT, old] > 0:
+            seen[old] = -1
+        elif olds[old] >= 0:
+            contacts[objects[olds[old]], owners[starts[olds[old]]] // QUADS] = True
+    touched = np.empty(closed.size, np.bool_)
+    for arc in range(closed.size):
+        touched[arc] = contacts[objects[arc], owners[starts[arc]] // QUADS]
+    felt, held = placing.felt(starts, reached, touched, olds, places, marks, spacing)
+    spans, gaps = density.stretches(starts, closed, values, reached, felt, held, spacing)
+    anchor_arcs, anchor_places = placing.anchors(spans, gaps, closed, reached)
+    anchored = np.full(anchor_arcs.size, -1)
+    _pair(anchored, anchor_arcs, anchor_places, seen, places, cycles, spacing)
+    _pair(anchored, anchor_arcs, anchor_places, olds, places, cycles, spacing)
+    before = placing.before(spans, closed.size, reached, olds, places, anchored)
+    lengths = reached[spans[:, 2]] - reached[spans[:, 1]]
+    masses = steps[spans[:, 2]] - steps[spans[:, 1]]
+    wanted = density.counts(lengths, masses, gaps, before, most - anchored.size, spacing)
+    targets, marked = placing.targets(
+        spans, gaps, wanted, anchored.size, closed, steps, reached, pieces, olds, places, marks, spacing
+    )
+    sources = np.full(len(marked), -1)
+    sources[marked[:, 1] == 1] = anchored
+    kept = placing.thinned(marked, most)
+    arcs, goals, sharp, source = marked[kept, 0], targets[kept], marked[kept, 1], sources[kept]
+    _pair(source, arcs, goals, seen, places, cycles, spacing)
+    _shift(source, arcs, goals, seen, places, cycles)
+    _pair(source, arcs, goals, olds, places, cycles, spacing)
     slots = _slots(source, len(positions))
     count = slots.size
-    new_positions, amplitudes, new_marks = np.empty((count, 3)), np.empty(count), np.empty((4, count), np.int64)
+    new_positions, amplitudes, new_marks = np.empty((count, 3)), np.empty(count), np.empty((5, count), np.int64)
     for slot in range(count):
         target = slots[slot]
         arc, place, old = arcs[target], goals[target], source[target]
@@ -196,9 +225,9 @@ def follow(
         if old >= 0:
             reach = SETTLE + FOLLOW * moved[objects[arc], owners[begin] // QUADS]
             place = _towards(places[old], place, reach, cycles[arc])
-            new_marks[ID, slot] = marks[ID, old]
+            new_marks[ID, slot], new_marks[WAIT, slot] = marks[ID, old], max(marks[WAIT, old] - elapsed, 0)
         else:
-            new_marks[ID, slot] = fresh
+            new_marks[ID, slot], new_marks[WAIT, slot] = fresh, PATIENCE if touched[arc] else 0
             fresh += 1
         vertex = begin + np.searchsorted(reached[begin : end + 1], place, side="right") - 1
         vertex = max(begin, min(vertex, end - 1))
@@ -209,7 +238,7 @@ def follow(
             new_positions[slot, axis] = points[vertex, axis] + share * step
         amplitudes[slot] = math.sqrt(1 + density.strength(pieces[vertex], place, spacing))
         new_marks[OBJECT, slot], new_marks[QUAD, slot] = objects[arc], owners[vertex]
-        new_marks[ANCHOR, slot] = sharp[target]
+        new_marks[ANCHOR, slot] = sharp[target] and place == goals[target]
     return new_positions, amplitudes, new_marks, fresh
 
 
@@ -228,23 +257,25 @@ def _project(
 ) -> Any:
     """The arc that each earlier point is on now, -1 for none, and the arc length of the place nearest to it.
 
-    For an anchor, which stays on its edge whichever arcs meet there, that is the nearest crossing of a sharp edge.
+    For an anchor, which stays on its edge whichever arcs meet there, that is the nearest crossing of a sharp edge, if
+    there is one.
     """
     olds, places = np.full(len(positions), -1), np.zeros(len(positions))
     for old in range(len(positions)):
-        best = np.inf
+        best, anchored = np.inf, marks[ANCHOR, old] == 1
         px, py, pz, quad = positions[old, 0], positions[old, 1], positions[old, 2], marks[QUAD, old] % QUADS
-        for arc in range(objects.size):
+        arc = 0
+        while arc < objects.size:
             hand = moved[objects[arc], owners[starts[arc]] // QUADS]
             farthest = min(JUMP + STRAY * hand, spacing + hand)
-            if objects[arc] != marks[OBJECT, old] or farthest == np.inf:
-                continue
             begin, end = starts[arc], starts[arc + 1] - 1
             i = begin
-            while i < end or i == begin or (i == end and marks[ANCHOR, old]):
+            if objects[arc] != marks[OBJECT, old] or farthest == np.inf:
+                i = end + 1
+            while i < end or i == begin or (i == end and anchored):
                 x, y, z = px - points[i, 0], py - points[i, 1], pz - points[i, 2]
                 strange = STRANGE if owners[i] % QUADS != quad else 0.0
-                if marks[ANCHOR, old]:
+                if anchored:
                     if values[i] >= SHARP:
                         distance = math.sqrt(x * x + y * y + z * z)
                         if distance <= farthest and distance + strange < best:
@@ -265,6 +296,9 @@ def _project(
                 ahead = place + distance - min(best, farthest)
                 while i < end and reached[i + 1] < ahead:  # nothing on the arc before that can be nearer
                     i += 1
+            arc += 1
+            if arc == objects.size and anchored and olds[old] < 0:  # its crossing is gone
+                arc, anchored = 0, False
     return olds, places
 
 
@@ -288,16 +322,19 @@ def _towards(place: Any, goal: Any, reach: Any, cycle: Any) -> Any:
 
 
 @part
-def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any, cycles: Any, spacing: Any) -> Any:
-    """The earlier point that each target takes over, -1 for none: the nearest on its arc, an anchor for an anchor.
+def _pair(source: Any, arcs: Any, goals: Any, olds: Any, places: Any, cycles: Any, reach: Any) -> None:
+    """Give each target that has none an earlier point to take over: the nearest on its arc that is free, within reach.
 
-    It is no farther along the arc than the spacing, so that no point passes others, and all settle soon.
+    ``source`` names the earlier point of each target, -1 for none.
     """
-    source = np.full(arcs.size, -1)
-    open_targets, open_olds = np.arange(arcs.size), np.flatnonzero(olds >= 0)
+    free = olds >= 0
+    for target in range(source.size):
+        if source[target] >= 0:
+            free[source[target]] = False
+    open_targets, open_olds = np.flatnonzero(source < 0), np.flatnonzero(free)
     nearest, chosen = np.empty(arcs.size, np.int64), np.empty(olds.size, np.int64)
     shortest = np.empty(olds.size)
-    wanting, having, found = arcs.size, open_olds.size, True
+    wanting, having, found = open_targets.size, open_olds.size, True
     while found:  # each round pairs at least the two that are nearest to each other
         found = False
         for j in range(having):
@@ -307,10 +344,10 @@ def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any
             nearest[target], least = -1, np.inf
             for j in range(having):
                 old = open_olds[j]
-                if olds[old] != arcs[target] or marks[ANCHOR, old] != sharp[target]:
+                if olds[old] != arcs[target]:
                     continue
                 apart = abs(_apart(places[old], goals[target], cycles[arcs[target]]))
-                if apart > spacing:
+                if apart > reach:
                     continue
                 if apart < least:
                     least, nearest[target] = apart, old
@@ -332,7 +369,35 @@ def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any
                 open_targets[left] = target
                 left += 1
         wanting = left
-    return source
+
+
+@part
+def _shift(source: Any, arcs: Any, goals: Any, olds: Any, places: Any, cycles: Any) -> None:
+    """Let earlier points that are left make room on their arc: all points on the way to a free target move on by one.
+
+    So no point passes others, and none ends while another begins on its arc. The nearest free target counts.
+    """
+    left = olds >= 0
+    for target in range(source.size):
+        if source[target] >= 0:
+            left[source[target]] = False
+    for old in range(olds.size):
+        if not left[old]:
+            continue
+        cycle, free, way = cycles[olds[old]], -1, np.inf
+        for target in range(source.size):
+            if source[target] < 0 and arcs[target] == olds[old]:
+                apart = _apart(places[old], goals[target], cycle)
+                if abs(apart) < abs(way):
+                    free, way = target, apart
+        while free >= 0:
+            ahead, farthest = -1, 0.0  # the last target before the free one
+            for target in range(source.size):
+                apart = _apart(places[old], goals[target], cycle) * np.sign(way)
+                if arcs[target] == olds[old] and source[target] >= 0 and farthest <= apart < abs(way):
+                    ahead, farthest = target, apart
+            source[free] = old if ahead < 0 else source[ahead]
+            free, way = ahead, math.copysign(farthest, way)
 
 
 @part

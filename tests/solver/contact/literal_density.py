@@ -21,13 +21,17 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 @dataclass
 class Line:
-    """An arc by its arc length: vertices, how far along each is, and the curvature there."""
+    """An arc without a bridge: vertices, how far along each is, the curvature, and the quadrilateral from there on."""
 
     vertices: Floats
     reached: Floats
     curvature: Floats
+    quads: NDArray[np.int64]
     closed: bool
     spacing: float
+    held: frozenset[int] = frozenset()
+    """Vertices that may be anchors although they are near to an end."""
+    object: int = 0
 
     @cached_property
     def pieces(self) -> list[Piece]:
@@ -81,7 +85,7 @@ class Line:
         closest = min(CLOSEST, self.spacing)
         for i in range(len(self.reached) - self.closed):
             to_end = min(self.reached[i], self.reached[-1] - self.reached[i])
-            if self.curvature[i] < SHARP or (not self.closed and 0 < to_end < SLIGHT):
+            if self.curvature[i] < SHARP or (not self.closed and 0 < to_end < SLIGHT and i not in self.held):
                 continue
             if not kept or self.reached[i] - self.reached[kept[-1]] >= closest:
                 kept, beaten = [*kept, i], []
@@ -113,26 +117,34 @@ class Line:
 
     def _between(self, start: float, stop: float, lead: float, trail: float) -> list[float]:
         """Points at equal steps of which the first is ``lead`` and the last ``trail`` steps from the ends."""
-        begin = self.until(start)
-        mass = self.until(stop) - begin
+        mass = self.until(stop) - self.until(start)
         extra = lead + trail - 1 if lead else 0
         fitting = int((stop - start) / min(CLOSEST, self.spacing) - extra + 1e-6)
         count = max(1 if lead + trail < 1.5 else 0, min(math.floor(mass - extra + 0.5), fitting))
+        return self.spread(start, stop, count, lead, extra)
+
+    def spread(self, start: float, stop: float, count: int, lead: float, extra: float) -> list[float]:
+        """Places at equal steps; there are ``extra`` more steps than points, and the first point is after ``lead``."""
+        begin = self.until(start)
+        mass = self.until(stop) - begin
         wanted = [begin + mass * (j + lead) / (count + extra) for j in range(count)]
         return [brentq(lambda t, goal=goal: self.until(t) - goal, start, stop, xtol=1e-14) for goal in wanted]
 
 
 def lines(arcs: Arcs, curvature: Floats, spacing: float) -> list[Line]:
-    """The arcs; closed ones begin at the same vertex as in the compiled version."""
+    """The arcs, divided at bridges; closed ones begin at the same vertex as in the compiled version."""
     found = []
-    for vertices, start, closed in zip(arcs.polylines(), arcs.starts, arcs.closed, strict=False):
-        values = curvature[start : start + len(vertices)]
+    for k, (start, closed) in enumerate(zip(arcs.starts[:-1], arcs.closed, strict=True)):
+        of = np.arange(start, arcs.starts[k + 1])
         if closed:
-            begin = max(range(len(values) - 1), key=lambda i: (values[i] >= SHARP, vertices[i] @ [0.83, 0.49, 0.27]))
-            vertices, values = (
-                np.concatenate([np.roll(array[:-1], -begin, axis=0), array[begin : begin + 1]])
-                for array in (vertices, values)
-            )
-        reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))])
-        found.append(Line(vertices, reached, values, bool(closed), spacing))
+            bridges = [i for i in of[:-1] if arcs.faces[i] < 0]
+            begin = max(of[:-1], key=lambda i: (curvature[i] >= SHARP, arcs.vertices[i] @ [0.83, 0.49, 0.27]))
+            of = np.roll(of[:-1], -(bridges[-1] + 1 if bridges else begin) + start)
+            of = of if bridges else np.append(of, of[0])
+            closed = not bridges
+        for part in np.split(of, 1 + np.flatnonzero(arcs.faces[of[:-1]] < 0)):
+            vertices, quads = arcs.vertices[part], arcs.quads[part]
+            quads[-1] = quads[-2]
+            reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))])
+            found.append(Line(vertices, reached, curvature[part], quads, bool(closed), spacing, object=arcs.objects[k]))
     return found

@@ -32,7 +32,7 @@ def place(arcs: Arcs, curvature: Floats, spacing: float = SPACING, most: int = 4
     hands = 1 + arcs.quads.max(initial=0) // 16
     objects = 1 + arcs.objects.max(initial=0)
     given = (arcs.vertices, arcs.names, arcs.rows, curvature, spacing, most)
-    before = (np.empty((0, 3)), np.empty((4, 0), np.int64), 0)
+    before = (np.empty((0, 3)), np.empty((5, 0), np.int64), 0, 0)
     positions, amplitudes, marks, fresh = follow(*given, np.full((objects, hands), np.inf), *before)
     assert marks[0].tolist() == list(range(fresh))
     return positions, amplitudes, marks[3]

@@ -1,0 +1,80 @@
+"""Points on hands that move as recorded ones do: few begin, none for a moment only, and none where nothing is cut."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from phasewire import Hand, Mesh, Toucher
+from phasewire.solver import Touch
+from trimesh.triangles import closest_point
+
+from tests.solver.contact.moving import felt_by, moving_hand, objects
+
+SECONDS = 3.0
+MESHES = objects()
+BIRTHS = {"sweep": 19, "flex": 3, "explore": 14}
+"""A second at most, for each motion: about half of what a placement without hysteresis had."""
+
+
+def from_quad(position: NDArray[np.float64], quad: NDArray[np.float64]) -> float:
+    """Distance of a position from a planar convex quadrilateral."""
+    triangles = np.array([quad[[0, 1, 2]], quad[[0, 2, 3]]])
+    return float(np.linalg.norm(closest_point(triangles, np.tile(position, (2, 1))) - position, axis=1).min())
+
+
+def from_surface(position: NDArray[np.float64], mesh: Mesh) -> float:
+    """Distance of a position from the nearest of a mesh's triangles."""
+    triangles = mesh.vertices[mesh.faces]
+    places = np.tile(position, (len(triangles), 1))
+    return float(np.linalg.norm(closest_point(triangles, places) - position, axis=1).min())
+
+
+def farthest_off(felt: Touch, hand: Hand, mesh: Mesh) -> float:
+    """Of all points, the greatest distance from its quadrilateral, or from the mesh."""
+    positions = [] if felt.points is None else felt.points.positions
+    off = [from_quad(position, hand.quads[quad]) for position, quad in zip(positions, felt.quads, strict=True)]
+    return max([0.0, *off, *(from_surface(position, mesh) for position in positions)])
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("motion", BIRTHS)
+def test_few_points_begin_on_a_moving_hand(motion: str, name: str) -> None:
+    steady = felt_by(motion, MESHES[name], 100, SECONDS, 0)
+    assert steady.points > 3
+    assert steady.births <= BIRTHS[motion]
+    assert steady.short <= 1
+    assert steady.replaced <= 0.5  # one in these seconds; the table has fewer than 0.1
+    assert steady.jump <= 1.5
+    assert steady.bare_95 <= 12
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_no_point_begins_or_ends_on_a_hand_that_trembles(name: str) -> None:
+    """By 0.2 mm rms. A quadrilateral that just grazes an object is another matter: its arcs come and go."""
+    steady = [felt_by("tremble", MESHES[name], 100, 1.5, seed, 0.2e-3) for seed in (0, 2, 3, 4)]
+    assert all(each.births == each.changed == 0 for each in steady)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_no_point_is_off_the_hand_or_the_object(name: str) -> None:
+    """Of many hands, each for a moment: within 0.1 mm of its quadrilateral and of the object."""
+    mesh, rng, seen = MESHES[name], np.random.default_rng(1), 0
+    for _ in range(60):
+        hand = Hand.flat(curl=rng.uniform(0, 0.7, 5)).rotated(rng.uniform(0, 360), rng.normal(size=3))
+        hand = hand.moved(rng.uniform(-0.04, 0.04, 3))
+        felt = Toucher().touch(hand, mesh)
+        assert farthest_off(felt, hand, mesh) < 1e-4
+        seen += len(felt.ids)
+    assert seen > 300
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_no_point_slides_over_a_bridge(name: str) -> None:
+    mesh, toucher, seen = MESHES[name], Toucher(), 0
+    for k, (time, hand) in enumerate(moving_hand("explore", 100, 1.0, 2)):
+        felt = toucher.touch(hand, mesh, time)
+        if k % 4 == 0:
+            assert farthest_off(felt, hand, mesh) < 1e-4
+            seen += len(felt.ids)
+    assert seen > 100
