@@ -82,7 +82,7 @@ class Arcs:
 
     @property
     def faces(self) -> NDArray[np.int64]:
-        """(k,) the mesh face of the piece that begins at each vertex; -1 for a bridge, and at the last vertex of an arc."""
+        """(k,) the mesh face of the piece that begins at each vertex; -1 for a bridge, and at an arc's last vertex."""
         return self.names[:, 0]
 
     @property

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import check_number
 from ..geometry import counted, frozen
 from ..shapes.curves import SPACING
 from ..shapes.points import MAX_POINTS, ControlPoints
@@ -141,9 +142,7 @@ class Toucher:
         self._objects: tuple[Mesh, ...] = ()
         self._poses, self._same = poses(()), frozen(np.empty(0, dtype=np.bool_))
 
-    def touch(
-        self, hands: Hand | Sequence[Hand], objects: Mesh | Sequence[Mesh], time: float | None = None
-    ) -> Touch:
+    def touch(self, hands: Hand | Sequence[Hand], objects: Mesh | Sequence[Mesh], time: float | None = None) -> Touch:
         """What hands feel of objects in the next frame.
 
         Parameters
@@ -189,11 +188,13 @@ class Toucher:
 
     def _elapsed(self, time: float | None) -> int:
         """Microseconds since the last frame, 0 if time went backwards, at most a second."""
+        if time is not None:
+            check_number(time, "the time of a frame", "seconds")
+            if not math.isfinite(time):
+                raise ValueError(f"the time of a frame is {time} s; it must be finite")
         last, self._time = self._time, time
         if time is None:
             return round(FRAME_SECONDS * 1e6)
-        if not math.isfinite(time):
-            raise ValueError(f"the time of a frame is {time} s; it must be a finite number")
         return round(min(max(time - last, 0.0), 1.0) * 1e6) if last is not None else 0
 
     def _enter(self, meshes: tuple[Mesh, ...]) -> NDArray[np.bool_]:

@@ -24,7 +24,7 @@ RADIUS = 0.03
 class Ring(Toucher):
     """Finds a ring of points about each hand that is below 0.3 m, with the same ids as long as it is there."""
 
-    def touch(self, hands: Any, objects: Any) -> Touch:
+    def touch(self, hands: Any, objects: Any, time: float | None = None) -> Touch:
         """The ring about the palm of each hand."""
         angle = 2 * np.pi * np.arange(POINTS) / POINTS
         ring = RADIUS * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)

@@ -244,9 +244,9 @@ def test_in_each_way_contact_and_release_are_ramps_and_silence_comes_in_time(ren
 class Upright(Ring):
     """The ring stands upright, and its lower part is below the array."""
 
-    def touch(self, hands: Any, objects: Any) -> Touch:
+    def touch(self, hands: Any, objects: Any, time: float | None = None) -> Touch:
         """The ring about the palm of each hand."""
-        flat = super().touch(hands, objects)
+        flat = super().touch(hands, objects, time)
         assert flat.points is not None
         [arc] = flat.arcs
         centre = arc[:-1].mean(axis=0)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from phasewire.solver.contact.curvature import SHARP
 from phasewire.solver.contact.density import CLOSEST, CROWDED, HOLD, SLACK, SLIGHT
 from phasewire.solver.contact.placing import FRESH
@@ -100,7 +100,7 @@ def _projected(point: Point, lines: list[Line], moved: Floats) -> Place | None:
         found = []
         for number, line in enumerate(lines):
             hand = moved[line.object, line.quads[0] // 16]
-            farthest = min(JUMP + STRAY * hand, spacing_of(line) + hand)
+            farthest = min(JUMP + STRAY * hand, line.spacing + hand)
             if line.object != point.object or farthest == math.inf:
                 continue
             at, on = _candidates(point.position, line, crossings)
@@ -111,11 +111,6 @@ def _projected(point: Point, lines: list[Line], moved: Floats) -> Place | None:
         if found:
             return min(found, key=lambda each: each[0])[1]
     return None
-
-
-def spacing_of(line: Line) -> float:
-    """Of the points on it, in metres."""
-    return line.spacing
 
 
 def _candidates(position: Floats, line: Line, crossings: bool) -> tuple[Floats, Floats]:
@@ -147,7 +142,7 @@ def _divided(
             ends = [*sharp, last] if sharp else [0, last]
         else:
             ends = [*([] if 0 in sharp else [0]), *sharp, *([] if last in sharp else [last])]
-        for one, other in zip(ends, ends[1:], strict=False):
+        for one, other in itertools.pairwise(ends):
             lead = 1.0 if one in sharp else 0.0 if line.closed else 0.5
             trail = lead if line.closed else 1.0 if other in sharp else 0.5
             stretches.append((number, float(line.reached[one]), float(line.reached[other]), lead, trail))
@@ -221,7 +216,8 @@ def _shift(targets: list[Target], places: dict[int, Place], lines: list[Line]) -
             continue
         goal, way = min(free, key=lambda each: abs(each[1]))
         sign = math.copysign(1, way)
-        passed = sorted(((a * sign, t) for t, a in here if t.source >= 0 and 0 <= a * sign < way * sign), key=lambda x: x[0])
-        chain = [*(target for _, target in passed), goal]
-        for target, source in zip(chain, [i, *(target.source for _, target in passed)], strict=True):
+        between = [(apart * sign, k) for k, (_, apart) in enumerate(here) if 0 <= apart * sign < way * sign]
+        passed = [here[k][0] for _, k in sorted(between) if here[k][0].source >= 0]
+        chain = [*passed, goal]
+        for target, source in zip(chain, [i, *(target.source for target in passed)], strict=True):
             target.source = source

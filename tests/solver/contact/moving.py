@@ -53,7 +53,7 @@ def moving_hand(motion: str, rate: float, seconds: float, seed: int, noise: floa
     Parameters
     ----------
     motion : str
-        "sweep", to and fro through the object; "flex", fingers that bend on it; "explore", both, and turns; "tremble",
+        "sweep", to and fro through the object; "flex", fingers that bend in it; "explore", both, and turns; "tremble",
         a hand at rest.
     rate : float
         Frames a second.
@@ -61,7 +61,9 @@ def moving_hand(motion: str, rate: float, seconds: float, seed: int, noise: floa
         Of each landmark and coordinate, rms in metres.
     """
     rng = np.random.default_rng((MOTIONS.index(motion), seed))
-    base = Hand.flat((0, 0, 0)).rotated(rng.uniform(0, 360), (0, 0, 1)).rotated(rng.uniform(-40, 40), rng.normal(size=3))
+    base = (
+        Hand.flat((0, 0, 0)).rotated(rng.uniform(0, 360), (0, 0, 1)).rotated(rng.uniform(-40, 40), rng.normal(size=3))
+    )
     turn = np.linalg.lstsq(Hand.flat((0, 0, 0)).landmarks, base.landmarks, rcond=None)[0]
     middle = np.array([0, 0, 0.17]) + rng.uniform(-0.02, 0.02, 3)
     bent, phases = rng.uniform(0.1, 0.4), rng.uniform(0, 2 * np.pi, 16)
@@ -77,6 +79,8 @@ def moving_hand(motion: str, rate: float, seconds: float, seed: int, noise: floa
         curl, place, degrees = np.full(5, bent), middle, 0.0
         if motion in ("flex", "explore"):
             curl = bent + 0.1 * np.sin(2 * np.pi * 0.7 * time + phases[:5]) + 0.05 * np.sin(9 * time + phases[5:10])
+        if motion == "flex":
+            place = middle - 0.1 * turn[1]
         if motion == "sweep":
             place = middle + way * 0.06 * np.sin(2 * np.pi * 0.5 * time + phases[10])
         if motion == "explore":
@@ -194,7 +198,7 @@ def main() -> None:
     names = [field.name for field in fields(Steadiness)]
     print(f"{'':26}" + "".join(f"{name:>10}" for name in names))
     for motion in MOTIONS:
-        noise = 0.2e-3 if motion == "tremble" else 0.3e-3
+        noise = 0.2e-3 if motion == "tremble" else 0.4e-3
         for name, mesh in objects().items():
             for rate in RATES:
                 some = [felt_by(motion, mesh, rate, arguments.seconds, i, noise) for i in range(arguments.seeds)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,6 +15,7 @@ from phasewire import Hand, Mesh, Toucher
 from phasewire.solver import Touch
 from phasewire.solver.contact.feeling import curvature_of
 from phasewire.solver.contact.scene import Scene
+from phasewire.solver.contact.touch import FRAME_SECONDS
 from phasewire.solver.contact.tracking import FOLLOW, JUMP, SETTLE, STRANGE, STRAY
 
 from tests.solver.contact import literal_tracking
@@ -191,6 +193,20 @@ def test_points_come_and_go_one_by_one_and_keep_their_order() -> None:
     assert not frames[-1]
     assert changes == 12
     assert max(felt.ids.max(initial=0) for felt in frames) < 16
+
+
+@pytest.mark.parametrize("step", [None, 0.001, 0.008, 0.05])
+def test_a_new_point_on_an_arc_that_grows_is_felt_after_30_ms(step: float | None) -> None:
+    """The circle of a cone around a palm that sinks at once, and then stays; the first contact is felt at once."""
+    mesh, toucher = Mesh.cone(0.06, (0, 0, 0.17)), Toucher(corners=False)
+    times = itertools.repeat(None) if step is None else itertools.count(5.0, step)
+    first = toucher.touch(Hand.flat((0, 0, 0.185)), mesh, next(times))
+    felt, frames = first, 0
+    while len(felt.ids) == len(first.ids) and frames < 100:
+        felt, frames = toucher.touch(Hand.flat((0, 0, 0.15)), mesh, next(times)), frames + 1
+    waited = frames - 1
+    assert waited == math.ceil(0.03 / (step or FRAME_SECONDS) - 1e-9)
+    assert set(first.ids.tolist()) < set(felt.ids.tolist())
 
 
 def test_a_new_point_takes_the_index_of_one_that_ended() -> None:
