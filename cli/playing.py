@@ -22,7 +22,7 @@ from ..errors import DeviceError
 from ..host.lines.opening import DEFAULT_URL, is_fresh
 from ..host.playing.calibration import Calibration
 from ..host.playing.cycles import play_cycle
-from ..host.playing.envelopes import sine
+from ..host.playing.envelopes import parse_envelope, sine
 from ..host.playing.frames import (
     Frames,
     LoopedFrames,
@@ -282,8 +282,14 @@ def stream(
     method: MethodOption = "tikhonov",
     spin: SpinOption = 0.0,
     modulation: Annotated[
-        float, typer.Option(metavar="HZ", help="Frequency at which the device modulates the frames, or 0 for none.")
-    ] = TACTILE_HZ,
+        str,
+        typer.Option(
+            metavar="HZ",
+            help="Frequency at which the device modulates the frames, 0 for none; several, as in 150+250; or a mono "
+            "WAV file. Append :depth=0.5,phase=90,force=yes to change the sine: with force, radiation pressure follows "
+            "it.",
+        ),
+    ] = f"{TACTILE_HZ:g}",
     render: RenderOption = None,
     interpolate: InterpolateOption = False,
     max_exposure: MaxExposureOption = None,
@@ -303,7 +309,7 @@ def stream(
     check_outputs([json_target], inputs=[*files_in(source), *listener_files(listeners)])
     check_single(device, view=view, reconnect=reconnect)
     own = load_array(array)
-    envelope = sine(modulation) if modulation and render is None else None
+    envelope = parse_envelope(modulation) if render is None else None
     meter = Meter(error_console())
     with open_source(source) as what:
         check_options(context, source, what)

@@ -13,8 +13,8 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, Self
 
+from ..arguments import whole
 from ..protocol.board import CYCLES_PER_PERIOD
-from ..protocol.ranges import whole
 from .machine import Emulator
 
 __all__ = ["MOST_DEVICES", "Cluster"]

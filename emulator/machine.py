@@ -7,13 +7,13 @@ execute real firmware instead, instruction by instruction; the controller is alw
 from __future__ import annotations
 
 import hashlib
-import operator
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import count
 from typing import Literal, NamedTuple, Self, get_args
 
+from ..arguments import whole
 from ..errors import DeviceError
 from ..protocol.board import (
     BOARDS,
@@ -28,7 +28,6 @@ from ..protocol.chain import Identity
 from ..protocol.codes import Fault
 from ..protocol.enumeration import HIGH_SPEED, Speed
 from ..protocol.firmware import Image
-from ..protocol.ranges import whole
 from ..protocol.timing import FIVE_WIRE, Link
 from ..protocol.wiring import Wiring
 from .boards.package import Package
@@ -158,7 +157,9 @@ class Emulator:
             raise ValueError(
                 f"links of {link.cycles_per_symbol} core cycles a symbol: INFO tells at most {MOST_CYCLES_PER_SYMBOL}"
             )
-        self._offsets = {board: operator.index(ticks) for board, ticks in (clock_offset_ticks or {}).items()}
+        self._offsets = {
+            board: whole("clock offset", n, -NEVER, NEVER) for board, n in (clock_offset_ticks or {}).items()
+        }
         for board, ticks in self._offsets.items():
             if board not in range(BOARDS) or ticks < 0:
                 raise ValueError(
@@ -484,14 +485,13 @@ class Emulator:
 
     def run(self, periods: int) -> None:
         """Let carrier periods of 25 µs pass, to the end of the last one."""
-        if operator.index(periods) < 0:
-            raise ValueError(f"{periods} periods cannot pass; at least 0")
+        periods = whole("periods", periods, 0, NEVER // CYCLES_PER_PERIOD)
         boundary = self._time.boundary(self._time.first_boundary(self.scheduler.now))
         self.scheduler.run_until(boundary + periods * CYCLES_PER_PERIOD)
 
     def run_until(self, period: int) -> None:
         """Let time pass until a carrier period begins; none passes if it already has."""
-        self.scheduler.run_until(self._time.boundary(operator.index(period)))
+        self.scheduler.run_until(self._time.boundary(whole("period", period, 0, NEVER // CYCLES_PER_PERIOD)))
 
     def watch(self) -> None:
         """From now on keep what goes on inside, message by message, in `tracer`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import array_of
 from ..solver import Medium, TransducerArray, transfer_matrix
 from ..solver.acoustics.models import directivity
 from ..solver.acoustics.resonator import Resonator
@@ -13,16 +14,24 @@ from ..solver.geometry import PointsLike, as_places
 __all__ = ["arriving", "as_waves", "behind", "responses"]
 
 
+LOUDEST = 1e6
+"""Of waves, to that of full drive; a resonance overshoots by some per cent."""
+
+
+def _is_single(waves: ArrayLike) -> bool:
+    return isinstance(waves, np.ndarray) and waves.dtype == np.complex64
+
+
 def as_waves(array: TransducerArray, waves: ArrayLike, name: str = "waves") -> NDArray[np.complex64]:
     """A series for each transducer, (t, n); `ValueError` if it is none, has no rows, or is not finite."""
-    series = np.ascontiguousarray(waves, dtype=np.complex64)
+    series = np.ascontiguousarray(waves if _is_single(waves) else array_of(name, waves, np.complex64))
     if series.ndim != 2 or series.shape[1] != len(array) or not len(series):
         raise ValueError(
             f"{name} have the shape {series.shape}; (t, {len(array)}) is needed, a row for each carrier period and "
             "a column for each transducer"
         )
-    if not np.isfinite(series.view(np.float32).sum()):
-        raise ValueError(f"{name} must be finite, but some are not")
+    if not np.abs(series.view(np.float32)).max() <= LOUDEST:
+        raise ValueError(f"{name} must be at most {LOUDEST:g} times full drive, but some are not")
     return series
 
 

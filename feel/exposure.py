@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import real
 from ..solver import Medium, TransducerArray
 from ..solver.acoustics.medium import as_medium
 from ..solver.fields.quantities import air_density, sound_pressure_level
@@ -124,8 +125,7 @@ class Exposure:
 
     def gain(self, limit_db: float) -> float:
         """The factor on all drives, at most 1, with which the loudest period at the loudest place keeps a limit."""
-        _check_limit(limit_db)
-        return min(1.0, 10 ** ((limit_db - float(self.greatest_db.max())) / 20))
+        return min(1.0, 10 ** ((_limit(limit_db) - float(self.greatest_db.max())) / 20))
 
     def __str__(self) -> str:
         loudest = int(self.greatest_db.argmax())
@@ -203,7 +203,7 @@ def exposure_limit(
     the mixtures of the k nearest new waves with the old others, k = 0 … n: it is no louder than the loudest mixture.
     `TRANSITION_DB` are kept besides, for drives that follow each other faster than they settle.
     """
-    _check_limit(limit_db)
+    limit_db = _limit(limit_db)
     medium, points = as_medium(medium), as_places(seated(array) if at is None else at)
     allowed = 10 ** ((limit_db - TRANSITION_DB - float(sound_pressure_level(1.0))) / 20)  # Pa
     relative = (responses(array, points, medium) / allowed).astype(np.complex64)
@@ -222,11 +222,8 @@ def exposure_limit(
     return gain
 
 
-def _check_limit(limit_db: float) -> None:
-    if not LOWEST_DB <= limit_db <= HIGHEST_DB:
-        raise ValueError(
-            f"an exposure limit of {limit_db} dB must be from {LOWEST_DB:g} to {HIGHEST_DB:g}, such as 110"
-        )
+def _limit(limit_db: float) -> float:
+    return real("exposure limit", limit_db, LOWEST_DB, HIGHEST_DB, "dB", hint=", such as 110")
 
 
 def scattered(watts: float, distance: float, medium: Medium | None = None) -> float:

@@ -18,14 +18,13 @@ much of it gets through the ear canal is not known. Distortion within transducer
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import as_frequencies, length, whole
 from ..solver import Medium, TransducerArray
 from ..solver.acoustics.medium import as_medium
 from ..solver.acoustics.resonator import Resonator
@@ -50,7 +49,7 @@ RESOLVED = 20.0  # Hz: the integral, which is smooth, is computed so often
 
 def a_weighting(frequency: ArrayLike) -> NDArray[np.float64]:
     """The A-weighting in dB of frequencies in hertz, (...), at least 0 (IEC 61672-1:2013, annex E); −∞ at 0."""
-    squared = np.asarray(frequency, np.float64) ** 2
+    squared = as_frequencies(frequency) ** 2
     first, second, third, fourth = (pole**2 for pole in POLES)
     with np.errstate(divide="ignore"):
         response = np.log10(fourth * squared**2) - np.log10(
@@ -127,7 +126,8 @@ class Audible:
 
     def strongest(self, place: int, count: int = 5) -> list[tuple[float, str, float]]:
         """The loudest tones at a place: frequency in Hz, part, and A-weighted level in dB, the loudest first."""
-        found = []
+        place = whole("place", place, 0, len(self.linear) - 1)
+        found, count = [], whole("count", count, 0, self.linear.shape[1])
         for part in PARTS:
             frequency, squares = self.spectrum(part)
             tones = np.convolve(squares[place], np.ones(3), "same")
@@ -202,17 +202,15 @@ def audible(
     """
     medium, points = as_medium(medium), as_places(at)
     emitted = as_waves(array, waves)
-    if not 0 < reach < math.inf:
-        raise ValueError(f"a beam of {reach} m must have a positive length, such as {REACH}")
+    reach = length("reach", reach)
     steps = len(emitted)
     frequency = np.asarray(scipy.fft.rfftfreq(steps, 1 / medium.frequency))
     heard = (frequency >= LOWEST) & (frequency <= HIGHEST)
     linear = np.zeros((len(points), len(frequency)), np.complex128)
     if pulses is not None:
         linear = _arriving_pulses(array, as_waves(array, pulses, "pulses"), points, medium, frequency)
-        response: Callable[[Any], Any] = Resonator.of(array.transducer).response
         # The resonance's time factor is e^{-iωt}, that of the transform e^{+iωt}.
-        linear *= np.conj(response(frequency)) * 1j * frequency / medium.frequency
+        linear *= np.conj(Resonator.of(array.transducer).responses(frequency)) * 1j * frequency / medium.frequency
     coarse = np.arange(0, medium.frequency / 2 + RESOLVED, RESOLVED)
     spectrum = scipy.fft.rfft(power_over_time(array, emitted, medium))
     factor = -NONLINEARITY / (4 * math.pi * medium.speed_of_sound**3) * (2 * np.pi * frequency) ** 2

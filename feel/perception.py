@@ -19,12 +19,14 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import HIGHEST, array_of, real, whole
 from ..pictures import Drawable, axes_or_new, colour_bar
 from ..solver.acoustics.array import TransducerArray
 from ..solver.acoustics.medium import Medium, as_medium
 from ..solver.acoustics.propagation import arrivals
 from ..solver.fields.quantities import radiation_pressure
 from ..solver.geometry import place
+from .arriving import LOUDEST, as_waves
 from .drawing import INTENSITY, draw_intensity, write_scale
 from .receptors import TOUCH_CHANNELS
 from .skin import MOST_HZ, NEGLIGIBLE, Skin, displaced
@@ -38,6 +40,7 @@ __all__ = ["FeltMap", "feel", "felt_map", "radiation_pressures"]
 EVERY = 10
 """Carrier periods from one sample of the radiation pressure to the next: 4 kHz at 40 kHz."""
 SAMPLES_AT_A_TIME = 1024
+MOST_PERIODS = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +95,8 @@ class FeltMap(Drawable):
         ValueError
             If the window is longer than the stretch, or shorter than two samples.
         """
-        count = round(self.samples / self.rate / window) if window > 0 else 0
+        window = real("window", window, 1 / self.rate, self.samples / self.rate * 2, "s")
+        count = round(self.samples / self.rate / window)
         if not 1 <= count <= self.samples // 2:
             raise ValueError(
                 f"a window of {window} s must last from {2 / self.rate:g} to {self.samples / self.rate:g} s"
@@ -203,12 +207,7 @@ def radiation_pressures(
     All waves arrive at once. In truth those of the outer transducers come up to 0.2 ms later, which takes less than 2 %
     of what alternates at 200 Hz.
     """
-    if waves.ndim != 2 or waves.shape[1] != len(array) or not len(waves):
-        raise ValueError(f"waves have the shape {waves.shape}; they must be (t, {len(array)}), t at least 1")
-    if not np.isfinite(waves.sum()):
-        raise ValueError("waves must be finite, but some are not")
-    if not every >= 1:
-        raise ValueError(f"every {every} carrier periods must be at least 1")
+    waves, every = as_waves(array, waves), whole("every", every, 1, MOST_PERIODS)
     medium = as_medium(medium)
     matrix, sampled = _pushing(array, places, medium), waves[::every]
     pushed = np.empty((len(matrix), len(sampled)), dtype=np.float32)
@@ -253,15 +252,14 @@ def felt_map(pressures: ArrayLike, places: SkinPlaces, rate: float, skin: Skin |
     ValueError
         If the pressures are not (t, k).
     """
-    pushed = np.asarray(pressures, dtype=np.float32)
+    pushed = array_of("pressures", pressures, np.float32)
     if pushed.ndim != 2 or pushed.shape[1] != len(places.positions) or not len(pushed):
         raise ValueError(
             f"pressures have the shape {pushed.shape}; they must be (t, {len(places.positions)}), t at least 1"
         )
-    if not np.isfinite(pushed.sum()):
-        raise ValueError("pressures must be finite, but some are not")
-    if not 0 < rate < math.inf:
-        raise ValueError(f"a rate of {rate} Hz must be positive and finite")
+    if not np.abs(pushed).max() <= LOUDEST:
+        raise ValueError(f"pressures must be finite and at most {LOUDEST:g} Pa, but some are not")
+    rate = real("rate", rate, 0, HIGHEST, "Hz", above=True)
     samples = len(pushed)
     last = min(math.floor(MOST_HZ * samples / rate), (samples - 1) // 2)
     # SciPy's factor of time is e^{+iωt}.

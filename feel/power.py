@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import real
 from ..solver import Medium, Transducer, TransducerArray
 from ..solver.acoustics.medium import as_medium
 from ..solver.acoustics.models import residual
-from ..solver.fields.quantities import air_density, intensity
+from ..solver.fields.quantities import LOUDEST, air_density, intensity
 from .arriving import as_waves
 
 __all__ = ["RadiatedPower", "absorbed_share", "full_power", "power_over_time", "radiated_power", "warming"]
@@ -91,6 +92,8 @@ def warming(peak: float, seconds: float, medium: Medium | None = None) -> float:
     A constant flux q into a half-space: ΔT = (2q/κ)·√(χt/π) (Carslaw and Jaeger, Conduction of Heat in Solids, 1959,
     section 2.9). Heat that blood, air and the skin beside the focus carry away is left out.
     """
+    peak = real("peak", peak, 0, LOUDEST, "Pa")
+    seconds = real("seconds", seconds, 0, 1e9, "s")
     flux = absorbed_share(medium) * float(intensity(peak, medium))
     rise: float = 2 * flux / SKIN_CONDUCTIVITY * math.sqrt(SKIN_DIFFUSIVITY * seconds / math.pi)
     return rise
@@ -138,6 +141,7 @@ def radiated_power(
 ) -> RadiatedPower:
     """Mean power of waves (t, n) over their time; see `power_over_time`."""
     medium, series = as_medium(medium), as_waves(array, waves)
+    supply_v = real("supply_v", supply_v, 0, 1e3, "V")
     radiated = power_over_time(array, series, medium)
     playing = float(np.mean(series != 0) * len(array))
     mean = float(radiated.mean())

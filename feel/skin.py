@@ -23,13 +23,17 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import array_of, as_frequencies, real, shown
+
 __all__ = ["MOST_HZ", "Skin", "displacement"]
 
+MOST_WAVENUMBER = 1e9  # rad/m
 MOST_HZ = 800.0
 """Highest frequency that counts: no channel of touch is known above it."""
 NEGLIGIBLE = 1e-5
 """A frequency is skipped if its pressure, summed over the places, is below this part of the strongest frequency's."""
 FREQUENCIES_AT_A_TIME = 256
+RANGES = (("stiffness", 1e12, "Pa"), ("viscosity", 1e9, "Pa·s"), ("density", 1e6, "kg/m³"), ("poisson", 0.5, ""))
 DEPTH, NODES_PER_TURN, BEYOND = 4.0, 3.0, 1.2
 """Of an integral over wavenumbers: its depth below the real axis times the reach, its nodes for each turn of the
 integrand, and its end as a part of the grid's largest wavenumber. Without any loss it is then right to 1e-5."""
@@ -69,13 +73,9 @@ class Skin:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name, unit in (("stiffness", "Pa"), ("density", "kg/m³")):
-            if not 0 < (value := getattr(self, name)) < math.inf:
-                raise ValueError(f"skin {name} {value} {unit} must be positive and finite")
-        if not 0 <= self.viscosity < math.inf:
-            raise ValueError(f"skin viscosity {self.viscosity} Pa·s must be finite and not negative")
-        if not 0 <= self.poisson <= 0.5:
-            raise ValueError(f"skin poisson {self.poisson} must lie between 0 and 0.5")
+        for name, most, unit in RANGES:
+            value = real(f"skin {name}", getattr(self, name), 0, most, unit, above=name in ("stiffness", "density"))
+            object.__setattr__(self, name, value)
 
     @classmethod
     def forearm(cls) -> Self:
@@ -84,7 +84,7 @@ class Skin:
 
     def modulus(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Complex shear modulus at frequencies in hertz, (...) Pa."""
-        return np.asarray(self.stiffness - 2j * np.pi * np.asarray(frequency) * self.viscosity)
+        return np.asarray(self.stiffness - 2j * np.pi * as_frequencies(frequency) * self.viscosity)
 
     def response(self, wavenumber: ArrayLike, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Normal displacement of the surface, into the body, per normal pressure on it.
@@ -101,7 +101,9 @@ class Skin:
         (...) complex
             In m/Pa; infinite where both are 0, because a steady pressure on all of the surface moves the body away.
         """
-        k, f = np.asarray(wavenumber), np.asarray(frequency, dtype=np.float64)
+        k, f = array_of("wavenumber", wavenumber, np.complex128), as_frequencies(frequency)
+        if not np.abs(k).max(initial=0) < MOST_WAVENUMBER:
+            raise ValueError(f"wavenumber {shown(wavenumber)} rad/m must be finite and below {MOST_WAVENUMBER:g}")
         mu = self.modulus(f)
         shear = self.density * (2 * np.pi * f) ** 2 / mu  # k_T²
         along = k**2
@@ -127,12 +129,12 @@ class Skin:
         """
         roots = np.roots([1, -8, 24 - 16 * self._bulk, -16 * (1 - self._bulk)])
         squared = float(min(root.real for root in roots if abs(root.imag) < 1e-9))
-        angular = 2 * np.pi * np.asarray(frequency, dtype=np.float64)
+        angular = 2 * np.pi * as_frequencies(frequency)
         return np.asarray(angular * np.sqrt(self.density / (self.modulus(frequency) * squared)))
 
     def surface_speed(self, frequency: ArrayLike) -> NDArray[np.float64]:
         """Phase speed of the surface wave at frequencies above 0, (...) m/s."""
-        return np.asarray(2 * np.pi * np.asarray(frequency) / self.surface_wavenumber(frequency).real)
+        return np.asarray(2 * np.pi * as_frequencies(frequency, above=True) / self.surface_wavenumber(frequency).real)
 
     def shear_speed(self, frequency: ArrayLike) -> NDArray[np.float64]:
         """Phase speed of shear waves within the body at frequencies in hertz, (...) m/s."""

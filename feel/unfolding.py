@@ -15,7 +15,7 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solver.arguments import check_positive
+from ..arguments import length
 from ..solver.contact.anatomy import posed
 from ..solver.contact.hand import Hand
 from ..solver.contact.silhouette import silhouette
@@ -81,7 +81,7 @@ class SkinPatch:
         """Check the ranges."""
         as_position(self.centre, "centre of skin")
         for name in ("width", "length", "spacing"):
-            check_positive(getattr(self, name), f"{name} of skin")
+            object.__setattr__(self, name, length(f"{name} of skin", getattr(self, name)))
         _check_count(self.width * self.length, self.spacing)
 
     def __repr__(self) -> str:
@@ -145,7 +145,7 @@ class Unfolded:
         ValueError
             If the spacing is not positive, or so small that there were more than `MOST_PLACES` places.
         """
-        check_positive(spacing, "spacing of skin")
+        spacing = length("spacing of skin", spacing)
         flat = _laid_out(hand)
         least = flat.min(axis=(0, 1))
         span = flat.max(axis=(0, 1)) - least

@@ -15,7 +15,6 @@ under a constant drive is known at any time (`OnePole.between`).
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -24,6 +23,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import real, stretch
 from ..emulator.ports.amplifier import Amplifier
 from ..protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ..protocol.wiring import Wiring
@@ -127,7 +127,7 @@ class Playback:
         ValueError
             If the ticks were not captured, or as in `transfer_matrix`.
         """
-        start, stop = _stretch("ticks", start, stop, self.capture.end_tick)
+        start, stop = stretch("ticks", ("start", "stop"), start, stop, 0, self.capture.end_tick)
         points, resonance = as_places(at), self.resonator.sampled(1 / TICK_HZ)
         lag, here, following = self._heard(points, resonance)
         nearest, farthest = int(lag.min()), int(lag.max())
@@ -166,7 +166,7 @@ class Playback:
         """
         from ..solver.compiled.time_kernels import write_drives
 
-        start, stop = _stretch("ticks", start, stop, self.capture.end_tick)
+        start, stop = stretch("ticks", ("start", "stop"), start, stop, 0, self.capture.end_tick)
         transducer = np.argsort(self.capture.wiring.channels)
         volts = np.empty((CHANNELS, stop - start), dtype=np.float32)
         for first in range(start, stop, TICKS_AT_A_TIME):
@@ -240,7 +240,7 @@ class Playback:
         return np.asarray(np.hypot(*found.T))
 
     def _periods(self, first: int, last: int) -> tuple[int, int]:
-        return _stretch("periods", first, last, self.capture.end_tick // TICKS_PER_PERIOD)
+        return stretch("periods", ("first", "last"), first, last, 0, self.capture.end_tick // TICKS_PER_PERIOD)
 
     def _lags(self, points: NDArray[np.float64]) -> range:
         """The greatest and the least age, in periods, of what some points hear."""
@@ -369,21 +369,15 @@ def component(series: ArrayLike, frequency: float, rate: float) -> NDArray[np.fl
 
 def _turns(frequency: float, rate: float, samples: int) -> NDArray[np.complex128]:
     """The factors whose weighted sum with a series is the amplitude at a frequency."""
+    frequency = real("frequency", frequency, 0, unit="Hz")
     cycles = samples * frequency / rate
-    if not 0 <= frequency < rate / 2:
+    if not frequency < rate / 2:
         raise ValueError(f"frequency {frequency} Hz must be at least 0 and below half the rate of {rate:g} Hz")
     if not samples or abs(cycles - round(cycles)) > 1e-6 or (frequency > 0 and cycles < 0.5):
         raise ValueError(
             f"{samples} samples at {rate:g} Hz hold {cycles:g} cycles of {frequency:g} Hz; a whole number is needed"
         )
     return np.asarray((2 if frequency else 1) / samples * np.exp(2j * np.pi * frequency / rate * np.arange(samples)))
-
-
-def _stretch(unit: str, start: int, stop: int, end: int) -> tuple[int, int]:
-    start, stop = operator.index(start), operator.index(stop)
-    if not 0 <= start <= stop <= end:
-        raise ValueError(f"{unit} {start} to {stop} are not within the captured 0 to {end}")
-    return start, stop
 
 
 def _factors(rows: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import stretch
 from ..emulator import Capture
 from ..emulator.ports.amplifier import Amplifier
 from ..protocol.board import (
@@ -91,8 +92,7 @@ def emitted_waves(
     if len(array) != CHANNELS:
         raise ValueError(f"an array of {len(array)} transducers does not fit boards with {CHANNELS} outputs")
     begin = -(-capture.start_tick // TICKS_PER_PERIOD)
-    if not begin <= first <= last <= capture.periods:
-        raise ValueError(f"periods {first} to {last} are not within the captured {begin} to {capture.periods}")
+    first, last = stretch("periods", ("first", "last"), first, last, begin, capture.periods)
     from ..emulator.ports.raster import emit  # importing numba takes half a second
     from .emission_kernels import measure, ring_up
 

@@ -12,7 +12,7 @@ from .lines.transport import Found, Scheme, Timekeeper, Transport
 from .playing.asynchronous import AsyncDevice, open_device_async
 from .playing.calibration import Calibration
 from .playing.device import Device, open_device
-from .playing.envelopes import Envelope, sine
+from .playing.envelopes import Envelope, parse_envelope, read_envelope, sine
 from .playing.frames import Frame, Frames, FrameSource, solved
 from .playing.group import DeviceGroup, open_devices
 from .playing.recording import Recording, record
@@ -44,6 +44,8 @@ __all__ = [
     "open_device_async",
     "open_devices",
     "open_hands",
+    "parse_envelope",
+    "read_envelope",
     "read_rig",
     "record",
     "sine",

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import flag, whole
 from ..errors import BlockError
 from .board import CHANNELS
 from .codes import (
@@ -39,7 +40,6 @@ from .codes import (
     Reason,
 )
 from .pulses import Pulses
-from .ranges import whole
 
 __all__ = [
     "AmplitudeModulation",
@@ -222,7 +222,7 @@ class PlaySequence:
             count=count,
             period=_period(self.period),
             repeats=whole("number of repeats", self.repeats, 0, 2**16 - 1),
-            unattended=bool(self.unattended),
+            unattended=flag("unattended", self.unattended),
         )
 
     def _parts(self) -> tuple[_Fields, bytes]:
@@ -421,7 +421,7 @@ def pack(block: Block) -> bytes:
         raise ValueError(f"{block!r} is no Block of a body and a number")
     body, sequence, restart = block
     fields, payload = body._parts()
-    if restart:
+    if flag("restart", restart):
         fields = replace(fields, flags=fields.flags | Flag.RESTART)
     number = whole("sequence number", sequence, 0, 2**32 - 1)
     header = (BLOCK_MAGIC, PROTOCOL_VERSION, body.KIND, number, *vars(fields).values())

@@ -15,6 +15,7 @@ import zlib
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
+from ..arguments import whole
 from ..errors import ChainError
 from .board import CHANNELS_PER_PROCESSOR, PROCESSORS
 from .codes import (
@@ -27,7 +28,6 @@ from .codes import (
     ChannelEnd,
     Memory,
 )
-from .ranges import whole
 
 __all__ = [
     "LOAD_BYTES",
@@ -571,7 +571,7 @@ class Identity(Message):
     def __post_init__(self) -> None:
         """Check the ranges."""
         _check_processor(self.processor)
-        whole("last", self.last, 0, 1)
+        whole("last", int(self.last), 0, 1)
         _check_firmware(self.firmware)
         whole("unique_id", self.unique_id, 0, 2**64 - 1)
 
@@ -581,7 +581,7 @@ class Identity(Message):
     @classmethod
     def _of(cls, fields: tuple[Any, ...]) -> Self:
         processor, last, major, minor, patch, unique_id = fields
-        whole("last", last, 0, 1)
+        whole("last", int(last), 0, 1)
         return cls(processor, bool(last), (major, minor, patch), unique_id)
 
 

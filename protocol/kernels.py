@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import MAGNITUDE_TOLERANCE
 from ..compiling import kernel
 from .board import CHANNELS, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 from .codes import (
@@ -22,7 +23,6 @@ from .codes import (
     Kind,
     Reason,
 )
-from .pulses import MAGNITUDE_TOLERANCE
 
 U8, U32, U64 = np.uint8, np.uint32, np.uint64
 

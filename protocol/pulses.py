@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import array_of, check_drives, whole
 from .board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 from .codes import AMPLITUDES
-from .ranges import whole
 
-__all__ = ["MODULATED_WIDTH", "POWER", "Pulses", "check_drives"]
+__all__ = ["MODULATED_WIDTH", "POWER", "Pulses"]
 
-MAGNITUDE_TOLERANCE = 1e-6  # what normalising in single precision may overshoot
+MOST = 1_000_000
+"""Transducers at most, of which pulses can be made."""
 
 _SINES = np.sin(np.pi * np.arange(MAX_WIDTH_TICKS + 1) / TICKS_PER_PERIOD)
 
@@ -43,30 +44,6 @@ def _checked(name: str, values: ArrayLike, limit: int, unit: str) -> NDArray[np.
     result = array.astype(np.uint8)
     result.setflags(write=False)
     return result
-
-
-def check_drives(drives: NDArray[np.complexfloating], first: int = 0) -> None:
-    """Raise `ValueError` if a drive is not finite or its magnitude exceeds 1; the transducer is named.
-
-    Parameters
-    ----------
-    drives : (n,) or (k, n) complex
-        One frame, or k of them; then the frame is named too.
-    first : int
-        Number of the first of these frames.
-    """
-    if np.abs(drives).max(initial=0) <= 1:  # false if one is not a number
-        return
-    drives = drives.astype(np.complex128)
-    magnitudes = np.abs(drives)
-    for wrong, complaint in (
-        (~np.isfinite(drives), "is {drive}; it must be finite"),
-        (magnitudes > 1 + MAGNITUDE_TOLERANCE, "has magnitude {magnitude:.6g}; at most 1 is possible"),
-    ):
-        if wrong.any():
-            *frame, transducer = at = tuple(np.argwhere(wrong)[0])
-            where = f"transducer {transducer}" + (f" of frame {first + frame[0]}" if frame else "")
-            raise ValueError(f"drive of {where} " + complaint.format(drive=drives[at], magnitude=magnitudes[at]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +101,7 @@ class Pulses:
     @classmethod
     def silent(cls, n: int) -> Pulses:
         """``n`` transducers at rest."""
+        n = whole("n", n, 0, MOST)
         return cls(np.zeros(n, np.uint8), np.zeros(n, np.uint8))
 
     @classmethod
@@ -140,10 +118,7 @@ class Pulses:
         ValueError
             If the drive is not finite or its magnitude exceeds 1; the transducer is named.
         """
-        try:
-            drive = np.asarray(drive, dtype=np.complex128)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"a drive is (n,) complex, such as solution.drive: {error}") from error
+        drive = array_of("drive", drive, np.complex128)
         if drive.ndim != 1:
             raise ValueError(f"drive must have the shape (n,), not {drive.shape}")
         check_drives(drive)

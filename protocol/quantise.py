@@ -8,10 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import array_of, check_drives, whole
 from .board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
-from .pulses import Pulses, check_drives
+from .pulses import Pulses
 
 __all__ = ["PulseFrames", "check_pulses", "quantise"]
+
+MOST_FRAMES = 2**63 - 1
 
 
 class PulseFrames(NamedTuple):
@@ -30,7 +33,8 @@ class PulseFrames(NamedTuple):
         return f"PulseFrames({len(self.phase)} × {self.phase.shape[-1]} outputs)"
 
     def pulses(self, number: int) -> Pulses:
-        """One frame by its number, a view of it."""
+        """One frame by its number, a view of it; `ValueError` if there is none."""
+        number = whole("frame", number, 0, len(self.phase) - 1)
         return Pulses.trusted(self.phase[number], self.width[number])
 
     @classmethod
@@ -88,9 +92,11 @@ def quantise(drives: ArrayLike, out: PulseFrames | None = None, *, first: int = 
     from . import kernels  # numba takes longer to import than everything else together
 
     given = np.asarray(drives)
-    read = np.ascontiguousarray(given, given.dtype if given.dtype in (np.complex64, np.complex128) else np.complex128)
+    kept = given.dtype in (np.complex64, np.complex128)
+    read = np.ascontiguousarray(given) if kept else array_of("drives", drives, np.complex128)
     if given.ndim != 2:
         raise ValueError(f"drives must have the shape (k, n), not {given.shape}")
+    first = whole("first", first, 0, MOST_FRAMES)
     if out is None:
         out = PulseFrames(np.empty(read.shape, np.uint8), np.empty(read.shape, np.uint8))
     else:

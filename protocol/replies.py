@@ -14,6 +14,7 @@ from construct import Construct, ConstructError
 from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
+from ..arguments import whole
 from ..errors import BlockError, ReplyError
 from .blocks import pack_pulses, unpack_pulses
 from .board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
@@ -35,7 +36,6 @@ from .codes import (
 from .layout import build
 from .layout.replies import ACK, CLOCK, INFO, PROCESSOR_REPORTS, READ_BACK, STATUS, WIRING
 from .pulses import Pulses
-from .ranges import whole
 from .wiring import Wiring
 
 __all__ = [

@@ -13,9 +13,9 @@ import numpy as np
 from isal.isal_zlib import crc32
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import flag, whole
 from .board import CHANNELS, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
 from .codes import BLOCK_BYTES, CHECKSUM_OFFSET, NOW
-from .ranges import whole
 
 __all__ = ["Updates", "pack_updates", "unpack_updates"]
 
@@ -89,7 +89,7 @@ def pack_updates(
     count = len(phase)
     if len(width) != count:
         raise ValueError(f"{count} rows of phases but {len(width)} of widths: one of each is needed")
-    sequence = whole("sequence number", sequence, 0, 2**32 - 1)
+    sequence, restart = whole("sequence number", sequence, 0, 2**32 - 1), flag("restart", restart)
     if out is None:
         out = np.empty((count, BLOCK_BYTES), np.uint8)
     _check_blocks("out", out)

@@ -11,6 +11,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import array_of, whole
 from .board import (
     BOARDS,
     CHANNELS,
@@ -34,7 +35,8 @@ class Pin(NamedTuple):
 
     @classmethod
     def of(cls, channel: int) -> Pin:
-        """The pin that a channel number stands for."""
+        """The pin that a channel number stands for, from 0 to 319; `ValueError` for any other."""
+        channel = whole("channel", channel, 0, CHANNELS - 1)
         processor, bit = divmod(channel, CHANNELS_PER_PROCESSOR)
         return cls(*divmod(processor, PROCESSORS_PER_BOARD), bit)
 
@@ -62,7 +64,7 @@ class Wiring:
     channels: NDArray[np.int64]
 
     def __init__(self, channels: ArrayLike) -> None:
-        table: NDArray[np.int64] = np.array(channels, dtype=np.int64)
+        table = array_of("channels", channels, np.int64)
         if table.shape != (CHANNELS,) or not np.array_equal(np.sort(table), np.arange(CHANNELS)):
             raise ValueError(f"a wiring table names each of the channels 0 to {CHANNELS - 1} exactly once")
         table.setflags(write=False)
@@ -85,8 +87,8 @@ class Wiring:
         return cls((board * PROCESSORS_PER_BOARD + processor) * CHANNELS_PER_PROCESSOR + bit)
 
     def pin(self, transducer: int) -> Pin:
-        """Board, processor on that board, and port bit that drive a transducer."""
-        return Pin.of(int(self.channels[transducer]))
+        """Board, processor on that board, and port bit that drive a transducer; `ValueError` if there is none."""
+        return Pin.of(int(self.channels[whole("transducer", transducer, 0, CHANNELS - 1)]))
 
     def sort(self, by_transducer: NDArray[Scalar]) -> NDArray[Scalar]:
         """From array order to channel order, along the last axis."""

@@ -9,9 +9,9 @@ from typing import Any, Generic, Protocol, TypeAlias, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import FARTHEST, array_of, real
+
 __all__ = [
-    "FARTHEST",
-    "WIDEST",
     "Movable",
     "PointsLike",
     "Scalable",
@@ -20,6 +20,8 @@ __all__ = [
     "as_points",
     "as_position",
     "as_rotation",
+    "as_scale",
+    "coincident",
     "counted",
     "extent",
     "frozen",
@@ -27,11 +29,11 @@ __all__ = [
     "rotation_matrix",
 ]
 
-FARTHEST = 1000.0
-"""Largest coordinate in metres. Sound at 40 kHz is long gone by then, and nothing overflows."""
+SCALES = 1e-6, 1e6
+MOST_DEGREES = 1e12
 
-WIDEST = 5.0
-"""Largest size in metres of an array or a shape: what is larger was written in millimetres."""
+_ACROSS = np.array([1.0, 2**0.5, 3**0.5])
+"""A direction along which no two places of a grid coincide."""
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 Moved = TypeVar("Moved", covariant=True)
@@ -70,8 +72,7 @@ class Scalable(Movable[Moved]):
 
     def scaled(self, factor: float) -> Moved:
         """The same, ``factor`` times as large, about its `centre`; `ValueError` if the factor is not positive."""
-        if not 0 < factor < math.inf:
-            raise ValueError(f"scale {factor} must be positive and finite")
+        factor = as_scale(factor)
         return self.placed(factor * np.eye(3), (1 - factor) * self.centre)
 
 
@@ -101,12 +102,7 @@ def as_points(values: ArrayLike, what: str, many: str | None = None) -> NDArray[
         ``what`` with an s.
     """
     many = many or f"{what}s"
-    try:
-        if np.iscomplexobj(values):
-            raise TypeError("they are complex")
-        points = np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{many} must be (m, 3) numbers: {error}") from error
+    points = array_of(f"{many} (m, 3)", values, np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         one = f"; write [{points.tolist()}] for one {what}" if points.shape == (3,) else ""
         raise ValueError(f"{many} must have the shape (m, 3) with m of at least 1, not {points.shape}{one}")
@@ -115,7 +111,9 @@ def as_points(values: ArrayLike, what: str, many: str | None = None) -> NDArray[
     if (bad := np.flatnonzero(~np.isfinite(points).all(axis=1))).size:
         raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; its coordinates must be finite numbers")
     bad = np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))
-    raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; coordinates are metres, at most {FARTHEST:g}")
+    raise ValueError(
+        f"{what} {bad[0]} is {points[bad[0]].tolist()}; coordinates are metres, at most {FARTHEST:g}: 150 mm is 0.15"
+    )
 
 
 def as_position(value: ArrayLike, what: str) -> NDArray[np.float64]:
@@ -126,10 +124,17 @@ def as_position(value: ArrayLike, what: str) -> NDArray[np.float64]:
     ValueError
         If these are not three numbers, or one is not finite or larger than `FARTHEST`.
     """
-    place = np.array(value, dtype=np.float64)
+    place = array_of(what, value, np.float64)
     if place.shape != (3,) or not (place.max() <= FARTHEST and place.min() >= -FARTHEST):
-        raise ValueError(f"{what} {place.tolist()} must be three numbers of metres, at most {FARTHEST:g} each")
+        raise ValueError(
+            f"{what} {place.tolist()} must be three numbers of metres, at most {FARTHEST:g} each: 150 mm is 0.15"
+        )
     return place
+
+
+def as_scale(factor: float) -> float:
+    """The factor of a scaled thing; `ValueError` if it is out of range."""
+    return real("scale", factor, *SCALES)
 
 
 def as_rotation(values: ArrayLike) -> NDArray[np.float64]:
@@ -140,7 +145,7 @@ def as_rotation(values: ArrayLike) -> NDArray[np.float64]:
     ValueError
         If the rows are not perpendicular and of length 1, or it is a reflection.
     """
-    matrix = np.array(values, dtype=np.float64)
+    matrix = array_of("rotation", values, np.float64)
     if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=1e-3):
         raise ValueError(f"rotation {matrix.tolist()} must have three perpendicular rows of length 1")
     if np.linalg.det(matrix) < 0:
@@ -161,20 +166,27 @@ def rotation_matrix(degrees: float, axis: ArrayLike) -> NDArray[np.float64]:
     ValueError
         If the angle is not finite, or the axis has no direction.
     """
-    try:
-        direction = np.array(axis, dtype=np.float64)
-    except (TypeError, ValueError):
-        direction = np.array(None, dtype=np.float64)
+    direction = array_of("axis", axis, np.float64)
     length = np.linalg.norm(direction)
     if direction.shape != (3,) or not 0 < length < math.inf:
         raise ValueError(f"axis {axis!r} must be three finite numbers, not all of them 0, such as (1, 0, 0) for x")
-    if not math.isfinite(degrees):
-        raise ValueError(f"an angle of {degrees} degrees is not finite")
+    degrees = real("angle", degrees, -MOST_DEGREES, MOST_DEGREES, "degrees")
     x, y, z = direction / length
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = math.radians(degrees)
     turn: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
     return turn
+
+
+def coincident(points: NDArray[np.float64], distance: float) -> tuple[int, int] | None:
+    """The first two of (m, 3) points that are closer than a distance in metres, far below that of usual neighbours."""
+    order = np.argsort(points @ _ACROSS, kind="stable")
+    gaps = np.diff(points[order], axis=0)
+    bad = np.flatnonzero((gaps * gaps).sum(axis=1) < distance**2)
+    if not bad.size:
+        return None
+    first, second = sorted(order[bad[0] : bad[0] + 2].tolist())
+    return first, second
 
 
 def extent(points: NDArray[np.float64]) -> str:

@@ -6,6 +6,8 @@ import csv
 import re
 from collections.abc import Iterable, Sequence
 
+from ..arguments import spelt
+
 __all__ = ["csv_rows", "text_rows"]
 
 _OTHER_UNIT = re.compile(r"[\W_](mm|cm|um|µm|in|inch|inches)\W*$", re.IGNORECASE)
@@ -96,6 +98,6 @@ def _hint(line: str, separator: str) -> str:
 
 def _number(text: str) -> float | None:
     try:
-        return float(text)
+        return spelt(text.strip())
     except ValueError:
         return None

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import FARTHEST
 from ..errors import InputFileError
 from ..host.hands.recording import SUFFIX as HANDS
 from ..host.hands.recording import HandRecording
@@ -28,7 +29,6 @@ from ..protocol.board import CARRIER_HZ
 from ..protocol.quantise import PulseFrames, check_pulses
 from ..solver import TransducerArray
 from ..solver.contact.hand import Hand
-from ..solver.geometry import FARTHEST
 from ..storage import open_plain
 from .settings import Settings
 from .snapshot import Emitter, Snapshot

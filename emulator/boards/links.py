@@ -28,9 +28,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import whole
 from ...protocol.board import PROCESSORS
 from ...protocol.chain import ROUTE
-from ...protocol.ranges import whole
 from ...protocol.timing import HOP_CYCLES, Link
 from ..scheduler import NEVER
 from .switches import Direction

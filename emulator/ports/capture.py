@@ -5,7 +5,6 @@ Nothing is kept bit by bit: a capture holds segments, and expands the stretch th
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import stretch, whole
 from ...pictures import Drawable, axes_or_new
 from ...protocol.board import (
     CHANNELS,
@@ -236,11 +236,7 @@ class Capture(Drawable):
         ValueError
             If the stretch was not captured.
         """
-        start, stop = operator.index(start), operator.index(stop)
-        if not self.start_tick <= start <= stop <= self.end_tick:
-            raise ValueError(
-                f"ticks {start} to {stop} are not within the captured {self.start_tick} to {self.end_tick}"
-            )
+        start, stop = stretch("ticks", ("start", "stop"), start, stop, self.start_tick, self.end_tick)
         words = np.empty((stop - start, PROCESSORS), np.uint32)
         step = CHUNK_PERIODS * TICKS_PER_PERIOD
         for begin in range(start, stop, step):
@@ -301,10 +297,8 @@ class Capture(Drawable):
         If a port plays whole pulses, each is looked up by its two edges; if its clock is its own or its pins are
         held, all edges of its bits are summed.
         """
-        first, last = operator.index(first), operator.index(last)
         begin = -(-self.start_tick // TICKS_PER_PERIOD)
-        if not begin <= first <= last <= self.periods:
-            raise ValueError(f"periods {first} to {last} are not within the captured {begin} to {self.periods}")
+        first, last = stretch("periods", ("first", "last"), first, last, begin, self.periods)
         from .raster import demodulate, emit
 
         turn, pulse_drives = _turn().astype(dtype), _pulse_drives().astype(dtype)
@@ -324,13 +318,12 @@ class Capture(Drawable):
 
     def drive(self, period: int) -> NDArray[np.complex128]:
         """The drive emitted in one carrier period, (320,) complex; see `drives`."""
-        period = operator.index(period)
+        period = whole("period", period, 0, self.periods)
         return np.asarray(self.drives(period, period + 1, np.complex128)[0])
 
 
 def _check_output(output: int) -> None:
-    if not 0 <= operator.index(output) < CHANNELS:
-        raise ValueError(f"output {output} must be from 0 to {CHANNELS - 1}")
+    whole("output", output, 0, CHANNELS - 1)
 
 
 def _deranged(track: Track, start: int, stop: int) -> NDArray[np.uint32]:

@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import real
 from ...errors import InputFileError
 from ...solver.contact.hand import Hand
 from ...solver.geometry import as_points, as_position, as_rotation, frozen, place
@@ -49,8 +50,7 @@ class Pose:
         """Check it."""
         object.__setattr__(self, "rotation", frozen(as_rotation(self.rotation)))
         object.__setattr__(self, "translation", frozen(as_position(self.translation, "translation")))
-        if not LEAST_SCALE <= self.scale <= MOST_SCALE:
-            raise ValueError(f"scale {self.scale} must be from {LEAST_SCALE} to {MOST_SCALE}")
+        object.__setattr__(self, "scale", real("scale", self.scale, LEAST_SCALE, MOST_SCALE))
 
     def __repr__(self) -> str:
         return f"Pose(translation {place(self.translation)}, scale {self.scale:g})"

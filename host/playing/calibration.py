@@ -17,9 +17,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import array_of, check_drives, spelt, whole
 from ...errors import InputFileError
-from ...protocol.pulses import check_drives
-from ...solver.acoustics.array import LEAST, MAX_GAIN
+from ...solver.acoustics.array import LEAST, MAX_GAIN, MAX_TRANSDUCERS
 from ...solver.geometry import frozen
 from ...storage import FilePath, read_text, replacing
 
@@ -57,7 +57,8 @@ class Calibration:
     dead: NDArray[np.bool_]
 
     def __init__(self, gain: ArrayLike, phase_deg: ArrayLike, polarity: ArrayLike, dead: ArrayLike) -> None:
-        columns = [np.array(values, np.float64) for values in (gain, phase_deg, polarity, dead)]
+        given = zip(COLUMNS[1:], (gain, phase_deg, polarity, dead), strict=True)
+        columns = [array_of(name, values, np.float64) for name, values in given]
         if any(values.ndim != 1 or len(values) != len(columns[0]) for values in columns):
             shapes = ", ".join(str(values.shape) for values in columns)
             raise ValueError(f"{', '.join(COLUMNS[1:])} must have the shape (n,) each, not {shapes}")
@@ -80,6 +81,7 @@ class Calibration:
     @classmethod
     def perfect(cls, n: int) -> Self:
         """``n`` ideal transducers."""
+        n = whole("n", n, 1, MAX_TRANSDUCERS)
         return cls(np.ones(n), np.zeros(n), np.ones(n), np.zeros(n))
 
     def __len__(self) -> int:
@@ -121,12 +123,13 @@ class Calibration:
             If the number of drives differs from that of transducers, or a drive is not finite or its magnitude exceeds
             1.
         """
+        drives, first = np.asarray(drives), whole("first", first, 0, 2**63 - 1)
+        if drives.dtype != np.complex64:
+            drives = array_of("drives", drives, np.complex128)
         if drives.shape[-1:] != (len(self),):
             raise ValueError(f"drives of the shape {drives.shape} for a calibration of {len(self)} transducers")
-        precision = np.complex64 if drives.dtype == np.complex64 else np.complex128
-        drives = drives.astype(precision, copy=False)
         check_drives(drives, first)
-        wanted: NDArray[np.complexfloating] = drives * self._inverse.astype(precision)
+        wanted: NDArray[np.complexfloating] = drives * self._inverse.astype(drives.dtype)
         wanted /= np.maximum(np.abs(wanted), 1)
         return wanted
 
@@ -219,7 +222,7 @@ def _transducer(cell: str, line: int) -> int:
 
 def _value(name: str, cell: str, line: int) -> float:
     try:
-        value = float(cell)
+        value = spelt(cell)
     except ValueError:
         value = np.nan
     allowed, wanted = _allowed(name, np.array(value))

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, Self
 from warnings import warn
 
+from ...arguments import flag, real, shown, whole
 from ...errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
 from ...protocol.blocks import AmplitudeModulation, Body, Entries, Entry, Output, PlaySequence, Samples, Slot, Update
 from ...protocol.board import CARRIER_HZ
@@ -24,7 +25,6 @@ from ...protocol.codes import (
 )
 from ...protocol.plain import flag_names
 from ...protocol.pulses import Pulses
-from ...protocol.ranges import whole
 from ...protocol.replies import (
     Ack,
     ClockReading,
@@ -45,7 +45,7 @@ from .envelopes import Envelope
 from .frames import Frame, Frames, differences, frame_source, to_pulses
 from .lanes import Lane
 from .session import Session
-from .streaming import LOOK_AHEAD_SECONDS, Stream, StreamReport
+from .streaming import LOOK_AHEAD_SECONDS, MOST_SECONDS, Stream, StreamReport
 
 __all__ = ["Device", "lane_of", "open_device", "streaming"]
 
@@ -295,6 +295,7 @@ class Device:
 
     def set_watchdog(self, seconds: float) -> None:
         """How long the device waits for a sign of life before it turns its outputs off, 0.01 to 60 s."""
+        seconds = real("seconds", seconds, VALUES[Request.WATCHDOG][0] / 1000, VALUES[Request.WATCHDOG][-1] / 1000, "s")
         with self._session.lock:
             self.status()  # a sign of life, because the last one may be older than a shorter time
             self._order(Request.WATCHDOG, "watchdog time in ms", round(seconds * 1000))
@@ -397,6 +398,8 @@ class Device:
             If the device refuses it, as for an empty slot, or if it would have to overwrite what plays.
         """
         self._need(Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
+        if not isinstance(steps, Iterable):
+            raise ValueError(f"steps {shown(steps)} must be pairs of a slot and a number of periods")
         entries = [Entry(*step) for step in steps]
         with self._session.lock:
             first = self._place(self._sequences, len(entries), self.info.sequence_entries, "steps")
@@ -429,10 +432,15 @@ class Device:
         """
         if isinstance(samples, Envelope) or isinstance(hold, Envelope) or not isinstance(samples, Iterable):
             raise ValueError(
-                "modulate takes amplitudes and a hold, as in modulate(*sine(200)), and modulates whatever plays"
+                f"samples {shown(samples)} must be amplitudes, with a hold, as in modulate(*sine(200)); they modulate "
+                "whatever plays"
             )
         self._need(Feature.MODULATION)
-        values = samples if isinstance(samples, bytes) else bytes(whole("sample", each, 0, 255) for each in samples)
+        values = (
+            samples
+            if isinstance(samples, bytes)
+            else bytes(whole("one of the samples", each, 0, 255) for each in samples)
+        )
         with self._session.lock:
             first = self._place(self._modulations, len(values), self.info.modulation_samples, "samples")
             body = AmplitudeModulation(first, len(values), hold, period)
@@ -461,7 +469,7 @@ class Device:
         DeviceRefusedError
             If the device has turned its outputs off meanwhile.
         """
-        end = self.time.monotonic() + seconds
+        end = self.time.monotonic() + real("seconds", seconds, 0, MOST_SECONDS, "s")
         while (left := end - self.time.monotonic()) > 0:
             self.time.sleep(min(self._session.pause_seconds, left))
             self._session.check_enabled()
@@ -510,7 +518,7 @@ class Device:
             if the device cannot be reached.
         """
         frames, lane = frame_source(source, self.calibration, self.channels), lane_of(self, envelope)
-        if reconnect:
+        if flag("reconnect", reconnect):
             lane.restore = partial(self._come_back, lane.permit)
         stream = Stream([lane], frames, rate, look_ahead=look_ahead)
         try:

@@ -16,6 +16,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import real
 from ...protocol.board import CARRIER_HZ
 from ...protocol.pulses import Pulses
 from ...protocol.quantise import PulseFrames, check_pulses, quantise
@@ -32,7 +33,7 @@ __all__ = [
     "PulseFrames",
     "StoredFrames",
     "beginning",
-    "check_rate",
+    "checked_rate",
     "differences",
     "frame_source",
     "interpolated_frames",
@@ -137,10 +138,9 @@ class LoopedFrames:
         return PulseFrames(self._pulses.phase[rows], self._pulses.width[rows])
 
 
-def check_rate(rate: float) -> None:
-    """Raise `ValueError` if no frames can be played at a rate, in frames per second."""
-    if not LEAST_RATE <= rate < np.inf:
-        raise ValueError(f"a rate of {rate:g} frames/s must be at least {LEAST_RATE:g} and finite")
+def checked_rate(rate: float) -> float:
+    """A rate in frames per second; `ValueError` if no frames can be played at it."""
+    return real("rate", rate, LEAST_RATE, unit="frames/s")
 
 
 def differences(

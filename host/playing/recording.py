@@ -42,7 +42,7 @@ from ...protocol.quantise import PulseFrames, check_pulses
 from ...solver import Medium, TransducerArray
 from ...storage import FilePath, growing, open_plain
 from .calibration import Calibration
-from .frames import Frames, check_rate, frame_source
+from .frames import Frames, checked_rate, frame_source
 
 __all__ = ["SUFFIX", "Recording", "record"]
 
@@ -116,7 +116,7 @@ def record(
         in a recording that the error names.
     """
     path = Path(path)
-    check_rate(rate)
+    rate = checked_rate(rate)
     if path.exists() and not path.is_file():
         raise OSError(f"{path} cannot be written: a recording must be a plain file")
     array, medium = array or TransducerArray.grid(), medium or Medium()
@@ -195,7 +195,7 @@ class Recording:
             if said[name] != own:
                 raise ValueError(f"it was made for a device of {name} {said[name]!r}; here it is {own}")
         self.rate = _one(said, "rate_hz", float)
-        check_rate(self.rate)
+        checked_rate(self.rate)
         self.source, self.made_by = _one(said, "source", str), _one(said, "made_by", str)
         self.array = TransducerArray(_numbers(said, "positions"), _numbers(said, "normals"))
         self.channels = len(self.array)

@@ -22,19 +22,22 @@ from math import ceil, floor
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import real
 from ...errors import DeviceError, DeviceLostError, DeviceStalledError, DeviceTimeoutError
 from ...protocol.board import CARRIER_HZ
 from ...protocol.codes import Fault
 from ...protocol.quantise import PulseFrames
 from ...protocol.replies import Ack
 from .common_clock import CommonClock, common_time
-from .frames import FrameSource, check_rate
+from .frames import FrameSource, checked_rate
 from .lanes import ACCEPTED, DAMAGED, LANE_COUNTS, LATE, NEVER, NO_FAULTS, POSTED_PERIODS, Lane, naming
 from .session import Session
 
 __all__ = ["FIRST_READINGS", "LOOK_AHEAD_SECONDS", "Stream", "StreamReport", "most_blocks_per_second"]
 
 LOOK_AHEAD_SECONDS = 0.01
+MOST_SECONDS = 1e8
+"""For which a device is kept playing at most: three years."""
 MOST_LOOK_AHEAD_SECONDS = 10.0
 FIRST_READINGS = 8
 READING_SECONDS = 0.25
@@ -187,7 +190,7 @@ class Stream:
         sessions = [lane.session for lane in lanes]
         device_most = min(session.info.max_updates_per_second for session in sessions)
         line_most = most_blocks_per_second(sessions)
-        check_rate(rate)
+        rate = checked_rate(rate)
         if rate > line_most and line_most < device_most:
             raise ValueError(
                 f"a rate of {rate:g} frames/s must be at most {line_most:g} on this line; if it is a serial line with "
@@ -195,8 +198,7 @@ class Stream:
             )
         if rate > device_most:
             raise ValueError(f"a rate of {rate:g} frames/s must be at most {device_most:g} with this device")
-        if not 0 <= look_ahead <= MOST_LOOK_AHEAD_SECONDS:
-            raise ValueError(f"a look-ahead of {look_ahead:g} s must lie between 0 and {MOST_LOOK_AHEAD_SECONDS:g} s")
+        look_ahead = real("look_ahead", look_ahead, 0, MOST_LOOK_AHEAD_SECONDS, "s")
         self._lanes, self._source, self._common = lanes, source, common
         self._time = common_time(session.time for session in sessions)
         self._spacing = CARRIER_HZ / rate

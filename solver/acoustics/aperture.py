@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import array_of, length
 from ...errors import InputFileError
 from ...storage import FilePath, open_plain
 from ..archives import read_array
@@ -53,7 +54,8 @@ class Aperture:
     digest: str = field(init=False, repr=False)
 
     def __init__(self, image: ArrayLike, pixel: float) -> None:
-        values = np.array(image, dtype=np.complex128, order="C") + 0.0  # without negative zeros
+        values = array_of("an aperture's image", image, np.complex128) + 0.0  # without negative zeros
+        pixel = length("pixel", pixel, LARGEST)
         if values.ndim != 2 or not values.size:
             raise ValueError(f"an aperture's image must have the shape (rows, columns), not {values.shape}")
         if max(values.shape) > MAX_SIDE:
@@ -107,8 +109,8 @@ class Aperture:
         pixel : float
             Side of a pixel, in metres.
         """
-        if not (0 < radius < math.inf and 0 < pixel <= radius):
-            raise ValueError(f"a disc of radius {radius} m needs a pixel between 0 and its radius, not {pixel} m")
+        radius = length("radius", radius, LARGEST)
+        pixel = length("pixel", pixel, radius)
         half = math.ceil(radius / pixel)
         if 2 * half > MAX_SIDE:
             raise ValueError(f"a pixel of {pixel} m is too small for a radius of {radius} m; at most {MAX_SIDE} a side")
@@ -148,7 +150,7 @@ class Aperture:
         OSError
             If it cannot be opened.
         """
-        path = Path(path)
+        path, width = Path(path), length("width", width, LARGEST)
         if path.suffix.lower() not in IMAGE_FILES:
             raise InputFileError(f"{path}: apertures are read from {' or '.join(IMAGE_FILES)} files")
         open_plain(path).close()  # so that a missing file is not taken for a bad one

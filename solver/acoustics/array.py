@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import WIDEST, array_of, as_drives, instance_of, length, whole
 from ...pictures import CYCLIC, MM, Drawable, axes_or_new, colour_bar
-from ..arguments import check_positive, instance_of
-from ..geometry import WIDEST, Movable, Scalar, as_points, counted, extent, frozen
+from ..geometry import Movable, Scalar, as_points, as_position, coincident, counted, extent, frozen
 from .transducer import Transducer
 
 if TYPE_CHECKING:
@@ -25,7 +24,6 @@ MAX_TRANSDUCERS = 1_000_000
 MAX_GAIN = 100.0
 LEAST = 1e-6  # gain, or limit, that is not 0
 COINCIDENT = 1e-6  # metres: two transducers that are closer are one that was entered twice
-ACROSS = np.array([1.0, 2**0.5, 3**0.5])  # along which no two places of a grid coincide
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +34,8 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
     ----------
     positions : (n, 3) float
         Centres of the pistons, in metres.
-    normals : (n, 3) float
-        Unit vectors in the directions in which they look.
+    normals : (n, 3) float, optional
+        Unit vectors in the directions in which they look; to +z by default.
     transducer : Transducer, optional
         What each of them is; the MA40S4S by default.
     response : (n,) complex, optional
@@ -62,13 +60,14 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
     def __init__(
         self,
         positions: ArrayLike,
-        normals: ArrayLike,
+        normals: ArrayLike | None = None,
         transducer: Transducer | None = None,
         response: ArrayLike | None = None,
         limits: ArrayLike | None = None,
     ) -> None:
         object.__setattr__(self, "positions", frozen(as_points(positions, "transducer position")))
-        object.__setattr__(self, "normals", frozen(as_points(normals, "transducer normal")))
+        up = np.broadcast_to([0.0, 0.0, 1.0], self.positions.shape) if normals is None else normals
+        object.__setattr__(self, "normals", frozen(as_points(up, "transducer normal")))
         object.__setattr__(self, "transducer", transducer or Transducer())
         if self.positions.shape != self.normals.shape:
             raise ValueError(f"{len(self.positions)} positions but {len(self.normals)} normals: one of each is needed")
@@ -76,10 +75,8 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
             raise ValueError(
                 f"the array is {width:.4g} m wide, more than {WIDEST:g} m; lengths are in metres: 10.3 mm is 0.0103"
             )
-        order = np.argsort(self.positions @ ACROSS, kind="stable")
-        gaps = np.linalg.norm(np.diff(self.positions[order], axis=0), axis=1)
-        if (bad := np.flatnonzero(gaps < COINCIDENT)).size:
-            first, second = sorted(order[bad[0] : bad[0] + 2].tolist())
+        if pair := coincident(self.positions, COINCIDENT):
+            first, second = pair
             raise ValueError(
                 f"transducers {first} and {second} are both at {self.positions[first].tolist()} m; each needs a place "
                 "of its own"
@@ -109,10 +106,7 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
         return f"TransducerArray({counted(len(self), 'transducer')}{deaf}, {extent(self.positions)})"
 
     def _for_each(self, what: str, values: ArrayLike | None, dtype: type[Scalar]) -> NDArray[Scalar]:
-        try:
-            read = np.ones(len(self), dtype) if values is None else np.array(values, dtype)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise ValueError(f"each transducer's {what} must be a number: {error}") from error
+        read = np.ones(len(self), dtype) if values is None else array_of(f"{what}s (n,)", values, dtype)
         if read.shape != (len(self),):
             raise ValueError(f"{what}s have the shape {read.shape}, but there are {len(self)} transducers")
         return read
@@ -140,17 +134,15 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
         transducer : Transducer, optional
             What each of them is; the MA40S4S by default.
         """
-        for name, count in (("columns", columns), ("rows", rows)):
-            if not (isinstance(count, Integral) and count >= 1):
-                raise ValueError(f"{name} {count} must be a whole number, at least 1")
+        columns, rows = (whole(name, n, 1, MAX_TRANSDUCERS) for name, n in (("columns", columns), ("rows", rows)))
         if columns * rows > MAX_TRANSDUCERS:
             raise ValueError(f"{columns} × {rows} transducers are too many; at most {MAX_TRANSDUCERS} are possible")
-        check_positive(pitch, "pitch")
+        pitch = length("pitch", pitch)
         x = (np.arange(columns) - (columns - 1) / 2) * pitch
         y = (np.arange(rows) - (rows - 1) / 2) * pitch
         grid_x, grid_y = np.meshgrid(x, y)
         positions = np.stack([grid_x.ravel(), grid_y.ravel(), np.zeros(columns * rows)], axis=1)
-        return cls(positions, np.tile([0.0, 0.0, 1.0], (columns * rows, 1)), transducer)
+        return cls(positions, transducer=transducer)
 
     def plot(self, ax: Axes | None = None, *, drive: ArrayLike | None = None, **style: Any) -> Axes:
         """Draw it as seen from above; transducers that look down are larger dots, behind the others.
@@ -174,7 +166,7 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
             title, sizes, colours = "The array", np.full(len(self), 40.0), np.where(self.able, "0.7", "none")
             look: dict[str, Any] = {"edgecolors": "0.4", "linewidths": 0.5}
         else:
-            drives = self._for_each("drive", drive, np.complex128)
+            drives = self._for_each("drive", as_drives(drive), np.complex128)
             title, sizes, colours = "Drive of the array", 4 + 66 * np.abs(drives), np.degrees(np.angle(drives))
             look = {"cmap": CYCLIC, "vmin": -180, "vmax": 180, "edgecolors": "0.5", "linewidths": 0.5}
         down = self.normals[:, 2] < 0
@@ -193,7 +185,11 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
     def calibrated(self, response: ArrayLike, limits: ArrayLike | None = None) -> TransducerArray:
         """The same array with measured responses, and limits, (n,) each."""
         return TransducerArray(
-            self.positions, self.normals, self.transducer, response, self.limits if limits is None else limits
+            self.positions,
+            self.normals,
+            self.transducer,
+            array_of("responses (n,)", response, np.complex128),
+            self.limits if limits is None else limits,
         )
 
     @property
@@ -203,9 +199,7 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
 
     def placed(self, rotation: ArrayLike, translation: ArrayLike) -> TransducerArray:
         """The same array turned by a (3, 3) rotation matrix about the origin, then moved by (3,) metres."""
-        turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
-        if shift.shape != (3,) or not np.isfinite(shift).all():
-            raise ValueError(f"translation {shift.tolist()} m must be three finite numbers")
+        turn, shift = array_of("rotation", rotation, np.float64), as_position(translation, "translation")
         if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9) or np.linalg.det(turn) < 0:
             raise ValueError(f"rotation {turn.tolist()} must be a (3, 3) rotation matrix")
         return TransducerArray(

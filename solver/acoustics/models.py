@@ -12,8 +12,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import array_of
 from .diffraction import KERNELS, Kernel, face_rings, integrate
-from .medium import Medium
+from .medium import Medium, as_medium
 from .transducer import MODELS, Transducer
 
 __all__ = ["directivity", "residual"]
@@ -46,12 +47,12 @@ def residual(
     ValueError
         If a sine is not between 0 and 1, or a distance is not positive.
     """
-    sine, distance = np.broadcast_arrays(np.asarray(sine, np.float64), np.asarray(distance, np.float64))
+    sine, distance = np.broadcast_arrays(array_of("sine", sine, np.float64), array_of("distance", distance, np.float64))
     if (bad := np.flatnonzero(~((sine >= 0) & (sine <= 1)))).size:
         raise ValueError(f"sine {bad[0]} is {sine.flat[bad[0]]}; it must lie between 0 and 1")
-    if (bad := np.flatnonzero(~(distance > 0))).size:
-        raise ValueError(f"distance {bad[0]} is {distance.flat[bad[0]]} m; it must be positive")
-    return WAVES[transducer.model](transducer, sine, distance, medium or Medium())
+    if (bad := np.flatnonzero(~((distance > 0) & (distance < np.inf)))).size:
+        raise ValueError(f"distance {bad[0]} is {distance.flat[bad[0]]} m; it must be positive and finite")
+    return WAVES[transducer.model](transducer, sine, distance, as_medium(medium))
 
 
 def directivity(sine: ArrayLike, radius: float, medium: Medium) -> NDArray[np.float64]:

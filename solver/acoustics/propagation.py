@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import as_drives
 from ..accelerated.devices import Backend, check_backend, device_for
 from ..geometry import PointsLike, as_places
 from .array import TransducerArray, check_array
@@ -139,16 +140,11 @@ def pressure(
 
 
 def as_drive(array: TransducerArray, drive: ArrayLike) -> NDArray[np.complex128]:
-    """Drives (n,) of an array; `ValueError` if they are not as many as its transducers, or one is not finite."""
+    """Drives (n,) of an array; `ValueError` if they are not as many as its transducers, or one is beyond full drive."""
     check_array(array)
-    try:
-        drive = np.asarray(drive, dtype=np.complex128)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"a drive is (n,) complex, such as solution.drive: {error}") from error
+    drive = as_drives(drive)
     if drive.shape != (len(array),):
         raise ValueError(f"drive has the shape {drive.shape}, but the array has {len(array)} transducers")
-    if (bad := np.flatnonzero(~np.isfinite(drive))).size:
-        raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
     return drive
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from platformdirs import user_cache_path
 
+from ...arguments import real
 from ...errors import InputFileError
 from ...storage import replacing
 from ..archives import read_arrays
@@ -90,7 +91,8 @@ class ResidualTable:
         """
         if transducer.model not in KERNELS:
             raise ValueError(f"model {transducer.model!r} needs no table; {', '.join(KERNELS)} do")
-        if not transducer.nearest * (1 - 1e-9) <= nearest < math.inf:
+        nearest = real("nearest", nearest, 0, 1e6, "m")
+        if nearest < transducer.nearest * (1 - 1e-9):
             raise ValueError(
                 f"a table from {nearest} m on is too near; a face that reaches {transducer.reach * 1e3:.2f} mm needs "
                 f"at least {transducer.nearest * 1e3:.2f} mm"

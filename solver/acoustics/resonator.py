@@ -22,10 +22,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import real
 from .transducer import Transducer
 
 __all__ = ["OnePole", "Resonator"]
 
+LARGEST = 1e9  # Hz, or s
 EPSILON = float(np.finfo(float).eps)
 MOST_POWERS = 40  # of a step, in which a resonance turns by less than half a period: π⁴⁰/40! is below rounding
 
@@ -101,8 +103,8 @@ class Resonator:
     def __post_init__(self) -> None:
         """Check the ranges."""
         for name, unit in (("frequency", "Hz"), ("time_constant", "s")):
-            if not 0 < (value := getattr(self, name)) < math.inf:
-                raise ValueError(f"resonator {name} {value} {unit} must be positive and finite")
+            value = real(f"resonator {name}", getattr(self, name), 0, LARGEST, unit, above=True)
+            object.__setattr__(self, name, value)
         if self.quality <= 0.5:
             raise ValueError(
                 f"a resonator of {self.frequency:g} Hz and {self.time_constant:g} s has the quality factor "
@@ -127,9 +129,13 @@ class Resonator:
 
     def response(self, frequency: float) -> complex:
         """The wave's phasor per unit drive at a frequency in hertz, in the steady state; 1 at the resonance."""
+        return complex(self.responses(np.asarray(real("frequency", frequency, -LARGEST, LARGEST, "Hz"))))
+
+    def responses(self, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """The same at (...) finite frequencies."""
         s = -2j * math.pi * frequency
         rate = 2 / self.time_constant
-        return rate * s / (s**2 + rate * s + (2 * math.pi * self.frequency) ** 2)
+        return np.asarray(rate * s / (s**2 + rate * s + (2 * math.pi * self.frequency) ** 2))
 
     def sampled(self, step: float) -> OnePole:
         """In steps of so many seconds, with a real drive that is constant in each; the wave is the state's real part.
@@ -139,7 +145,7 @@ class Resonator:
         ValueError
             If a step lasts half a period of the resonance or more.
         """
-        pole = self.pole
+        pole, step = self.pole, real("step", step, unit="s")
         if not 0 < -pole.imag * step < math.pi:
             raise ValueError(
                 f"a step of {step} s must be positive and less than half a period, {0.5 / self.frequency} s"
@@ -158,6 +164,7 @@ class Resonator:
         ValueError
             If the resonance gets half a period or more away from the carrier within a step.
         """
+        step, carrier = real("step", step, unit="s"), real("carrier", carrier, 0, LARGEST, "Hz")
         pole = self.pole + 2j * math.pi * carrier
         if not (step > 0 and abs(pole.imag) * step < math.pi):
             raise ValueError(

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..arguments import check_positive
+from ...arguments import length
 from ..geometry import frozen
 from .aperture import Aperture
 from .diffraction import KERNELS
@@ -57,8 +57,7 @@ def slice_field(
     """
     if kernel not in KERNELS:
         raise ValueError(f"unknown kernel {kernel!r}; known are {', '.join(KERNELS)}")
-    for name, value in (("z", z), ("extent", extent)):
-        check_positive(value, name)
+    z, extent = length("z", z), length("extent", extent)
     half = int(extent / aperture.pixel / 2 + 1e-9)
     count = 2 * half + 1
     if (count + max(aperture.image.shape)) ** 2 > MAX_SAMPLES:

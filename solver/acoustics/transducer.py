@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ...arguments import real, whole
 from .aperture import Aperture
 from .diffraction import KERNELS
 
@@ -60,11 +61,11 @@ class Transducer:
     def __post_init__(self) -> None:
         """Check the ranges."""
         for name, unit, limit in LIMITS:
-            value = getattr(self, name)
-            if not 0 < value <= limit:
-                raise ValueError(f"transducer {name} {value} {unit} must be positive and at most {limit:g}")
-        if self.polarity not in (1, -1):
-            raise ValueError(f"transducer polarity {self.polarity} must be 1 or -1")
+            value = real(f"transducer {name}", getattr(self, name), 0, limit, unit, above=True)
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "polarity", whole("transducer polarity", self.polarity, -1, 1))
+        if not self.polarity:
+            raise ValueError("transducer polarity 0 must be 1 or -1")
         if self.model not in MODELS:
             raise ValueError(f"unknown transducer model {self.model!r}; known are {', '.join(MODELS)}")
         if self.aperture is not None and self.model not in KERNELS:

@@ -10,7 +10,9 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import FARTHEST, as_points, as_position, frozen, place, rotation_matrix
+from ...arguments import FARTHEST, array_of
+from ...arguments import length as length_of
+from ..geometry import as_points, as_position, frozen, place, rotation_matrix
 from .anatomy import BONES, FINGERS, LENGTH, NEUTRAL, PALM, PARENTS, WIDTHS, Side, posed
 
 __all__ = ["LANDMARKS", "QUADS", "Hand", "Side"]
@@ -133,12 +135,12 @@ class Hand:
         ValueError
             If the length or the curl is out of range.
         """
-        curls = np.asarray(curl, dtype=np.float64)
+        curls, tall = array_of("curl", curl, np.float64), length_of("length", length)
         if curls.shape not in ((), (len(FINGERS),)) or not ((curls >= 0) & (curls <= 1)).all():
             raise ValueError(
                 f"curl {curls.tolist()} must be one number or {len(FINGERS)}, from 0, straight, to 1, a fist"
             )
-        points = posed(side, curls) * (length / LENGTH)
+        points = posed(side, curls) * (tall / LENGTH)
         return cls(points - _middle(points) + as_position(centre, "centre"), side)
 
     @cached_property
@@ -231,10 +233,7 @@ def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _as_widths(widths: ArrayLike) -> NDArray[np.float64]:
-    try:
-        values = np.array(widths, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"widths must be {len(FINGERS)} numbers: {error}") from error
+    values = array_of("widths", widths, np.float64)
     if values.shape != (len(FINGERS),) or not (values > 0).all() or not (values <= MOST_WIDTH).all():
         raise ValueError(
             f"widths must be {len(FINGERS)} numbers above 0 and up to {MOST_WIDTH} m, one for each finger, "

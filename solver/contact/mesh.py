@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Self
@@ -10,7 +9,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import FARTHEST, as_points, as_position, extent, frozen, place, rotation_matrix
+from ...arguments import array_of, length
+from ..geometry import as_points, as_position, as_scale, extent, frozen, place, rotation_matrix
 from .curvature import edge_curvature
 from .edges import edge_tables
 from .repair import repair
@@ -153,13 +153,13 @@ class Mesh:
 
     def __post_init__(self) -> None:
         """Check the pose."""
-        rotation, offset = (np.array(value, dtype=np.float64) for value in (self.rotation, self.offset))
+        rotation, offset = array_of("rotation", self.rotation, np.float64), as_position(self.offset, "offset")
         if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-9):
             raise ValueError(f"{rotation.tolist()} is no rotation: its rows must be perpendicular unit vectors")
         if np.linalg.det(rotation) < 0:
             raise ValueError(f"{rotation.tolist()} is no rotation but a reflection, which turns the object inside out")
         object.__setattr__(self, "rotation", frozen(rotation))
-        object.__setattr__(self, "offset", frozen(as_position(offset, "offset")))
+        object.__setattr__(self, "offset", frozen(offset))
 
     def __repr__(self) -> str:
         return f"Mesh({len(self.faces)} faces, {extent(self.vertices)} about {place(self.centre)})"
@@ -212,8 +212,7 @@ class Mesh:
         ValueError
             If the factor is not positive, or the object becomes too large.
         """
-        if not 0 < factor < math.inf:
-            raise ValueError(f"scale {factor} must be positive and finite")
+        factor = as_scale(factor)
         solid = Solid((self.solid.vertices - self.solid.centre) * factor, self.faces, self.repairs)
         return type(self)(solid, self.rotation, self.centre)
 
@@ -276,7 +275,6 @@ class Mesh:
 
     @classmethod
     def _paper(cls, name: str, size: float, centre: ArrayLike) -> Self:
-        if not 0 < size <= FARTHEST:
-            raise ValueError(f"size {size} m must be positive and at most {FARTHEST:g} m")
+        size = length("size", size)
         vertices, faces = SOLIDS[name]()
         return cls(Solid(vertices * size, faces), np.eye(3), as_position(centre, "centre"))

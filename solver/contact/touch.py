@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_number
+from ...arguments import flag, length, real, whole
 from ..geometry import counted, frozen
 from ..shapes.curves import SPACING
 from ..shapes.points import MAX_POINTS, ControlPoints
@@ -118,14 +117,11 @@ class Toucher:
     """
 
     def __init__(self, spacing: float = SPACING, corners: bool = True, most_points: int = MOST_POINTS) -> None:
-        if not LEAST_SPACING <= spacing < math.inf:
-            raise ValueError(f"spacing {spacing} m must be finite and at least {LEAST_SPACING:g} m")
-        if not 1 <= most_points <= MAX_POINTS:
-            raise ValueError(f"most_points is {most_points}; it must be from 1 to {MAX_POINTS}")
+        self._spacing = length("spacing", spacing, least=LEAST_SPACING, above=False)
+        self._corners, self._most = flag("corners", corners), whole("most_points", most_points, 1, MAX_POINTS)
         from .feeling import feel  # compiled
 
         self._feel = feel
-        self._spacing, self._corners, self._most = float(spacing), bool(corners), int(most_points)
         self._fresh = 0
         self._solids: tuple[Solid, ...] = ()
         self._scene = Scene.of((), self._corners)
@@ -181,17 +177,15 @@ class Toucher:
         )
         self._quads = quads
         self._positions, self._marks, self._fresh = tracked
-        for whole in (*cuts, positions, amplitudes, marks, self._positions, self._marks):
-            frozen(whole)
+        for each in (*cuts, positions, amplitudes, marks, self._positions, self._marks):
+            frozen(each)
         points = ControlPoints.trusted(positions, amplitudes) if len(amplitudes) else None
         return Touch(Arcs(*cuts), points, marks)
 
     def _elapsed(self, time: float | None) -> int:
         """Microseconds since the last frame, 0 if time went backwards, at most a second."""
         if time is not None:
-            check_number(time, "the time of a frame", "seconds")
-            if not math.isfinite(time):
-                raise ValueError(f"the time of a frame is {time} s; it must be finite")
+            time = real("time", time, unit="s")
         last, self._time = self._time, time
         if time is None:
             return round(FRAME_SECONDS * 1e6)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arguments import as_single, whole
 from ..acoustics.array import TransducerArray, check_array
 from ..acoustics.medium import Medium, as_medium
 from ..geometry import frozen
@@ -56,8 +56,7 @@ class PlanePropagator:
         per_pitch: int = 10,
         medium: Medium | None = None,
     ) -> None:
-        if not (isinstance(per_pitch, Integral) and per_pitch >= 1):
-            raise ValueError(f"per_pitch {per_pitch} must be a whole number, at least 1")
+        per_pitch = whole("per_pitch", per_pitch, 1, MAX_SAMPLES)
         check_array(array)
         medium = as_medium(medium)
         lattice = lattice_of(array)
@@ -65,12 +64,14 @@ class PlanePropagator:
         if math.prod(spectrum_size(lattice, grid.counts, per_pitch)) * per_pitch**2 > MAX_SAMPLES:
             columns, rows = lattice.counts
             raise ValueError(
-                f"a step of {grid.step:g} m over {extent:g} m with an array of {columns} × {rows} places needs more "
+                f"a step of {grid.step:g} m over {extent} m with an array of {columns} × {rows} places needs more "
                 f"than {MAX_SAMPLES} samples"
             )
         object.__setattr__(self, "grid", grid)
         object.__setattr__(self, "medium", medium)
-        object.__setattr__(self, "_shifts", shifts_over(lattice, grid, height, per_pitch, medium, "double"))
+        object.__setattr__(
+            self, "_shifts", shifts_over(lattice, grid, float(grid.centre[2]), per_pitch, medium, "double")
+        )
 
     def __repr__(self) -> str:
         return f"PlanePropagator({self.grid})"
@@ -91,13 +92,10 @@ class PlanePropagator:
         Raises
         ------
         ValueError
-            If the drive has another length than the array, or is not finite.
+            If the drive has another length than the array, or is beyond full drive.
         """
-        with np.errstate(over="ignore"):
-            drive = np.asarray(drive, dtype=np.complex128).astype(np.complex64)
+        drive = as_single(drive)
         n = len(self._shifts.lattice.cells)
         if drive.shape != (n,):
             raise ValueError(f"drive has the shape {drive.shape}, but the array has {n} transducers")
-        if (bad := np.flatnonzero(~np.isfinite(drive))).size:
-            raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
         return PlaneField(self.grid, frozen(self._shifts(drive).astype(np.complex128)), self.medium)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import instance_of
 from ...pictures import Drawable
 from ..accelerated.devices import Backend, check_backend, device_for
 from ..acoustics.array import TransducerArray
@@ -19,6 +20,7 @@ from ..methods.solve import Wanted
 from .drawing import OIL, draw_oil, draw_plane
 from .grid import Grid
 from .lattice import OFF_GRID, Lattice, lattice_of, shifts_over, spectrum_size
+from .quantities import check_pressure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +58,9 @@ class Field:
     medium: Medium
 
     def __post_init__(self) -> None:
-        """Check the shape."""
+        """Check the shape and the values."""
+        instance_of(self.pressure, np.ndarray, "pressure", "complex, in Pa")
+        check_pressure(self.pressure)
         if self.pressure.shape != self.grid.shape:
             raise ValueError(f"pressure has the shape {self.pressure.shape}, but the grid has {self.grid.shape}")
 
@@ -253,8 +257,7 @@ def _sample(
     here = device_for(backend, None) is None
     if here and (shifts := _shifts(array, grid, samples)) is not None:
         lattice, heights, per_pitch = shifts
-        with np.errstate(over="ignore"):
-            emitted = drive.astype(np.complex64)
+        emitted = drive.astype(np.complex64)
         layers = [shifts_over(lattice, grid, height, per_pitch, medium, "single")(emitted) for height in heights]
         return frozen(np.reshape(layers, grid.shape).astype(np.complex128))
     if samples * len(array) > MAX_PAIRS:

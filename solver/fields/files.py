@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arguments import instance_of
 from ...errors import InputFileError
 from ...storage import FilePath, replacing
 from ..acoustics.aperture import Aperture
@@ -16,7 +17,6 @@ from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.transducer import Transducer
 from ..archives import read_arrays
-from ..arguments import instance_of
 from ..geometry import frozen
 from ..methods.solve import Solution
 from ..shapes.points import ControlPoints

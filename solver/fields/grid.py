@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_positive
-from ..geometry import as_points, frozen, place
+from ...arguments import array_of, instance_of, length, whole
+from ..geometry import as_points, as_position, frozen, place
 
 __all__ = ["MAX_SAMPLES", "Grid"]
 
@@ -45,17 +45,18 @@ class Grid:
     step: float
 
     def __init__(self, centre: ArrayLike, axes: ArrayLike, counts: Sequence[int], step: float) -> None:
-        object.__setattr__(self, "centre", frozen(as_points(np.asarray(centre)[None], "centre of the grid")[0]))
-        object.__setattr__(self, "axes", frozen(as_points(axes, "axis of the grid")))
-        object.__setattr__(self, "counts", tuple(int(count) for count in counts))
-        object.__setattr__(self, "step", float(step))
+        object.__setattr__(self, "centre", frozen(as_position(centre, "centre of the grid")))
+        object.__setattr__(self, "axes", frozen(as_points(axes, "axis of the grid", "axes of the grid")))
+        object.__setattr__(
+            self,
+            "counts",
+            tuple(whole("count of samples", n, 1, MAX_SAMPLES) for n in array_of("counts", counts, np.int64)),
+        )
+        object.__setattr__(self, "step", length("step", step))
         if len(self.axes) not in KINDS or len(self.counts) != len(self.axes):
             raise ValueError(f"{len(self.axes)} axes and {len(self.counts)} counts: a grid has 2 or 3 of each")
         if np.abs(self.axes @ self.axes.T - np.eye(len(self.axes))).max() > 1e-6:
             raise ValueError(f"the axes {self.axes.tolist()} must be orthogonal and of length 1")
-        check_positive(step, "step")
-        if min(self.counts) < 1:
-            raise ValueError(f"counts {self.counts} must be at least 1")
         if math.prod(self.counts) > MAX_SAMPLES:
             raise ValueError(f"{' × '.join(map(str, self.counts))} makes more than {MAX_SAMPLES} samples")
 
@@ -79,9 +80,10 @@ class Grid:
         step : float
             Distance between samples, in metres.
         """
+        instance_of(letters, str, "axes", "such as 'xz'")
         if len(letters) not in KINDS or len(set(letters)) != len(letters) or set(letters) - set("xyz"):
             raise ValueError(f"axes {letters!r} must be two or all of x, y and z, each once, such as xy or xz")
-        extents = [extent] * len(letters) if isinstance(extent, (int, float, str)) else list(extent)
+        extents = [extent] * len(letters) if np.ndim(extent) == 0 else list(extent)  # type: ignore[arg-type]
         if len(extents) != len(letters):
             raise ValueError(f"{len(extents)} extents for the axes {letters!r}: one for each is needed")
         axes = np.eye(3)[["xyz".index(letter) for letter in letters]]
@@ -90,14 +92,16 @@ class Grid:
     @classmethod
     def horizontal(cls, height: float, extent: float, step: float) -> Grid:
         """A horizontal square at a height above the middle of the array; lengths in metres, as in `along`."""
-        check_positive(height, "height")
+        height = length("height", height)
         return cls.along("xy", (0.0, 0.0, height), extent, step)
 
     @classmethod
     def spanning(cls, centre: ArrayLike, axes: ArrayLike, extents: Sequence[float], step: float) -> Grid:
         """A grid along any axes, each with its extent in metres; otherwise as `along`."""
-        for name, value in (*(("extent", extent) for extent in extents), ("step", step)):
-            check_positive(value, name)
+        extents, step = (
+            [length("extent", extent) for extent in array_of("extents", extents, np.float64)],
+            length("step", step),
+        )
         if min(extents) / step < 2:
             kind = KINDS.get(len(extents), "grid")
             raise ValueError(f"a step of {step} m is too long for a {kind} of {min(extents)} m; at most half of it")
@@ -124,7 +128,7 @@ class Grid:
 
     def offsets(self, axis: int) -> NDArray[np.float64]:
         """Coordinates of the samples along an axis of the grid, (count,) in metres from the centre."""
-        count = self.counts[axis]
+        count = self.counts[whole("axis", axis, 0, len(self.counts) - 1)]
         return np.asarray((np.arange(count) - (count - 1) / 2) * self.step)
 
     def coordinates(self, axis: int) -> tuple[str, NDArray[np.float64]]:
@@ -133,6 +137,7 @@ class Grid:
         An axis of the grid that is one of space has its name, x, y or z, and the coordinates are those of space;
         otherwise it is u, v or w, and they are from the centre.
         """
+        axis = whole("axis", axis, 0, len(self.counts) - 1)
         for letter, unit, middle in zip("xyz", np.eye(3), self.centre, strict=True):
             if np.array_equal(self.axes[axis], unit):
                 return letter, middle + self.offsets(axis)

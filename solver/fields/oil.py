@@ -19,6 +19,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import array_of, length, real, shown
 from ..acoustics.medium import Medium
 from .grid import Grid
 from .quantities import check_reflection, radiation_pressure
@@ -69,11 +70,10 @@ class Oil:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if not 0 < self.density < math.inf:
-            raise ValueError(f"oil density {self.density} kg/m³ must be positive and finite")
-        if not 0 <= self.surface_tension < math.inf:
-            raise ValueError(f"oil surface_tension {self.surface_tension} N/m must be finite and not negative")
-        check_reflection(self.reflection)
+        density = real("oil density", self.density, 0, 1e6, "kg/m³", above=True)
+        object.__setattr__(self, "density", density)
+        object.__setattr__(self, "surface_tension", real("oil surface_tension", self.surface_tension, 0, 1e6, "N/m"))
+        object.__setattr__(self, "reflection", check_reflection(self.reflection))
 
     @property
     def capillary_length(self) -> float:
@@ -100,7 +100,9 @@ class Oil:
         Solved by a cosine transform, so the surface meets the edges of the plane level. The dish is taken to be so
         large that the displaced oil does not raise the rest.
         """
-        push = np.asarray(push, dtype=np.float64)
+        push, step = array_of("push", push, np.float64), length("step", step)
+        if push.ndim != 2 or not np.abs(push).max(initial=0) < 1e30:
+            raise ValueError(f"push must be (rows, columns) finite pressures in Pa, not {shown(push)}")
         y, x = (np.pi * np.arange(count) / (count * step) for count in push.shape)
         stiffness = self.density * GRAVITY + self.surface_tension * (x**2 + y[:, None] ** 2)
         return np.asarray(scipy.fft.idctn(-scipy.fft.dctn(push) / stiffness))

@@ -10,16 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import array_of, real
 from ..acoustics.medium import Medium, as_medium
 
 __all__ = [
     "QUANTITIES",
     "Quantity",
     "air_density",
+    "check_pressure",
     "check_reflection",
     "intensity",
     "radiation_pressure",
@@ -29,6 +32,7 @@ __all__ = [
 
 GAS_CONSTANT = 8.314_462_618  # J/(mol·K)
 MOLAR_MASS = 28.9647e-3  # kg/mol, dry air (ISO 2533)
+LOUDEST = 1e12  # Pa; no air bears a ten-thousandth part of it
 REFERENCE = 20e-6  # Pa rms, the reference of sound pressure levels in air (ISO 1683)
 
 
@@ -53,7 +57,7 @@ def intensity(pressure: ArrayLike, medium: Medium | None = None) -> NDArray[np.f
         In W/m².
     """
     medium = as_medium(medium)
-    magnitude = np.abs(np.asarray(pressure, dtype=np.complex128))
+    magnitude = _peak(pressure)
     return np.asarray(magnitude**2 / (2 * air_density(medium) * medium.speed_of_sound))
 
 
@@ -89,20 +93,32 @@ def radiation_pressure(
     at rest (Lee and Wang, "Acoustic radiation pressure", J. Acoust. Soc. Am. 94, 1099, 1993). With the rms pressure the
     same is written α·p²/(ρc²).
     """
-    check_reflection(reflection)
-    medium = as_medium(medium)
+    reflection, medium = check_reflection(reflection), as_medium(medium)
     return reflection * intensity(pressure, medium) / medium.speed_of_sound
 
 
-def check_reflection(reflection: float) -> None:
-    """Raise `ValueError` if α of `radiation_pressure` is out of range."""
-    if not 1 <= reflection <= 2:
-        raise ValueError(f"reflection {reflection} must lie between 1, an absorber, and 2, a mirror")
+def check_reflection(reflection: float) -> float:
+    """α of `radiation_pressure`; `ValueError` if it is out of range."""
+    return real("reflection", reflection, 1, 2, hint=": 1 for an absorber, 2 for a mirror")
+
+
+def _peak(pressure: ArrayLike) -> NDArray[np.float64]:
+    """|p| of pressures of any shape."""
+    return check_pressure(array_of("pressure", pressure, np.complex128))
+
+
+def check_pressure(pressure: NDArray[Any]) -> NDArray[np.float64]:
+    """|p| of pressures; `ValueError` if one is not finite or beyond `LOUDEST`."""
+    magnitude = np.asarray(np.abs(pressure))
+    if not magnitude.max(initial=0) <= LOUDEST:
+        bad = pressure.flat[int(np.argmin(magnitude.ravel() <= LOUDEST))]
+        raise ValueError(f"pressure {bad} Pa must be finite and at most {LOUDEST:g} Pa")
+    return magnitude
 
 
 def sound_pressure_level(pressure: ArrayLike) -> NDArray[np.float64]:
     """Level of a peak pressure in Pa, in dB re 20 µPa rms; −∞ if it is 0."""
-    return _decibels(np.abs(pressure) / (math.sqrt(2) * REFERENCE))
+    return _decibels(_peak(pressure) / (math.sqrt(2) * REFERENCE))
 
 
 def relative_level(pressure: ArrayLike, reference: float | None = None) -> NDArray[np.float64]:
@@ -113,11 +129,12 @@ def relative_level(pressure: ArrayLike, reference: float | None = None) -> NDArr
     ValueError
         If the reference is not positive, such as the largest |p| of a silent field.
     """
-    magnitude = np.abs(pressure)
-    reference = float(magnitude.max()) if reference is None else reference
-    if not 0 < reference < math.inf:
-        raise ValueError(f"a level relative to {reference} Pa has no meaning; the reference must be positive")
-    return _decibels(magnitude / reference)
+    magnitude = _peak(pressure)
+    if not magnitude.size:
+        return magnitude
+    if reference is None and not (reference := float(magnitude.max())):
+        raise ValueError("a level relative to silence has no meaning; name a reference, in Pa")
+    return _decibels(magnitude / real("reference", reference, 0, LOUDEST, "Pa", above=True))
 
 
 def _decibels(ratio: NDArray[np.float64]) -> NDArray[np.float64]:

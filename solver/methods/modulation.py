@@ -5,14 +5,15 @@ Receptors in the skin do not follow 40 kHz; they feel the intensity change, best
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import array_of, as_drives, real, whole
 from ..acoustics.array import TransducerArray
-from ..acoustics.medium import Medium
+from ..acoustics.medium import MAX_FREQUENCY, Medium
 from ..acoustics.propagation import Precision, pressure
 from ..geometry import frozen
 
@@ -24,15 +25,13 @@ FREQUENCY = 200.0
 CARRIER = 40_000.0  # hertz
 LOWEST = 0.01  # hertz; skin does not feel a slower modulation
 SINE_SAMPLES = 50
+MOST_SAMPLES, MOST_HARMONIC = 1_000_000, 1_000_000
 
 
-def check_frequency(frequency: float, samples: int, carrier: float = CARRIER) -> None:
-    """Raise `ValueError` if a modulation of so many samples cannot have a frequency, in hertz."""
-    if not LOWEST <= frequency <= carrier / samples:
-        raise ValueError(
-            f"modulation frequency {frequency} Hz must be at least {LOWEST:g} Hz and, as each of {samples} "
-            f"samples lasts a carrier period or more, at most {carrier / samples:g} Hz"
-        )
+def check_frequency(frequency: float, samples: int, carrier: float = CARRIER) -> float:
+    """A frequency in hertz; `ValueError` if a modulation of so many samples cannot have it."""
+    hint = f": each of {samples} samples lasts a carrier period or more"
+    return real("modulation frequency", frequency, LOWEST, carrier / samples, "Hz", hint=hint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,26 +66,23 @@ class Modulation:
     def __init__(
         self, drives: ArrayLike, weights: ArrayLike, frequency: float = FREQUENCY, carrier: float = CARRIER
     ) -> None:
-        drives, weights = np.array(drives, dtype=np.complex128), np.array(weights, dtype=np.float64)
+        drives, weights = as_drives(drives), array_of("weights", weights, np.float64)
         if drives.ndim != 2 or not drives.size:
             raise ValueError(f"drives must have the shape (f, n), not {drives.shape}")
         if weights.ndim != 2 or not len(weights) or weights.shape[1] != len(drives):
             raise ValueError(f"weights must have the shape (s, {len(drives)}), not {weights.shape}")
-        if (bad := np.argwhere(~np.isfinite(drives))).size:
-            raise ValueError(f"drive {bad[0, 0]} of transducer {bad[0, 1]} is {drives[*bad[0]]}; it must be finite")
         if (bad := np.argwhere(~np.isfinite(weights) | (weights < 0))).size:
             raise ValueError(
                 f"weight {weights[*bad[0]]} of drive {bad[0, 1]} in sample {bad[0, 0]} must be finite and not negative"
             )
         if (bad := np.argwhere(np.abs(weights @ drives) > 1 + 1e-6)).size:
             raise ValueError(f"sample {bad[0, 0]} drives transducer {bad[0, 1]} beyond 1, which is full drive")
-        if not 0 < carrier < np.inf:
-            raise ValueError(f"carrier {carrier} Hz must be positive and finite")
-        check_frequency(frequency, len(weights), carrier)
+        carrier = real("carrier", carrier, 0, MAX_FREQUENCY, "Hz", above=True)
+        frequency = check_frequency(frequency, len(weights), carrier)
         object.__setattr__(self, "drives", frozen(drives))
         object.__setattr__(self, "weights", frozen(weights))
-        object.__setattr__(self, "frequency", float(frequency))
-        object.__setattr__(self, "carrier", float(carrier))
+        object.__setattr__(self, "frequency", frequency)
+        object.__setattr__(self, "carrier", carrier)
 
     def __repr__(self) -> str:
         steps, count = self.weights.shape
@@ -134,10 +130,8 @@ class Modulation:
         With depth 1 the intensity is (1 + cos)²/4, whose first harmonic is half of the largest intensity; on and off
         make 2/π of it.
         """
-        if not 0 <= depth <= 1:
-            raise ValueError(f"depth {depth} must lie between 0 and 1")
-        if not (isinstance(samples, Integral) and 2 <= samples <= carrier):
-            raise ValueError(f"samples {samples} must be a whole number, at least 2 and at most {carrier:g}")
+        depth, carrier = real("depth", depth, 0, 1), real("carrier", carrier, 0, MAX_FREQUENCY, "Hz", above=True)
+        samples = whole("samples", samples, 2, min(math.floor(carrier), MOST_SAMPLES))
         angle = 2 * np.pi * (np.arange(samples) + 0.5) / samples
         return cls.sampled(drive, 1 - depth * (1 - np.cos(angle)) / 2, frequency, carrier=carrier)
 
@@ -146,7 +140,7 @@ class Modulation:
         cls, drive: ArrayLike, envelope: ArrayLike, frequency: float = FREQUENCY, *, carrier: float = CARRIER
     ) -> Modulation:
         """A drive times an envelope: (s,) factors over one period, at least 0."""
-        weights = np.array(envelope, dtype=np.float64)
+        weights = array_of("envelope", envelope, np.float64)
         if weights.ndim != 1 or not weights.size:
             raise ValueError(f"the envelope must have the shape (s,), not {weights.shape}")
         return cls(_rows({"drive": drive}), weights[:, None], frequency, carrier)
@@ -186,7 +180,7 @@ class Modulation:
 
 def _rows(drives: dict[str, ArrayLike]) -> NDArray[np.complex128]:
     """Drives as rows, checked to be (n,) each with the same n."""
-    rows = {name: np.asarray(drive, dtype=np.complex128) for name, drive in drives.items()}
+    rows = {name: array_of(f"the {name}", drive, np.complex128) for name, drive in drives.items()}
     length = next(iter(rows.values())).shape
     for name, row in rows.items():
         if row.ndim != 1 or row.shape != length:
@@ -237,8 +231,7 @@ def intensity_component(
     A = 2·|Σ_j I_j·e^{-2πihj/s}|/s · sinc(h/s), h the harmonic. For on and off that is (2/π)·|p|², and for two fields in
     turn (2/π)·||p₁|² - |p₂|²|. In this model the transducers follow at once, and the sound arrives at once.
     """
-    if not (isinstance(harmonic, Integral) and harmonic >= 0):
-        raise ValueError(f"harmonic {harmonic} must be a whole number, at least 0")
+    harmonic = whole("harmonic", harmonic, 0, MOST_HARMONIC)
     medium = medium or Medium(frequency=modulation.carrier)
     if medium.frequency != modulation.carrier:
         raise ValueError(f"a medium for {medium.frequency:g} Hz does not fit a carrier of {modulation.carrier:g} Hz")

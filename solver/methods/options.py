@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Integral, Real
 from typing import Literal, get_args
+
+from ...arguments import real, whole
 
 __all__ = [
     "ALONE",
@@ -106,28 +107,19 @@ class Options:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if not (_is_number(self.gamma) and 0 <= self.gamma <= 1):
-            raise ValueError(f"gamma {self.gamma} must be a number between 0 and 1")
-        if not (_is_number(self.mu) and 0 < self.mu <= MAX_MU):
-            raise ValueError(f"mu {self.mu} must be a positive number, at most {MAX_MU:g}")
+        object.__setattr__(self, "gamma", real("gamma", self.gamma, 0, 1))
+        object.__setattr__(self, "mu", real("mu", self.mu, 0, MAX_MU, above=True))
         if self.phases not in get_args(Phases):
             raise ValueError(f"phases {self.phases!r} must be one of {', '.join(get_args(Phases))}")
         if self.output is not None and self.output not in get_args(Output):
             raise ValueError(f"output {self.output!r} must be one of {', '.join(get_args(Output))}")
-        if self.phase_seconds is not None and not (_is_number(self.phase_seconds) and 0 <= self.phase_seconds < 1e6):
-            raise ValueError(f"phase_seconds {self.phase_seconds} must be a number of seconds, at least 0")
+        if self.phase_seconds is not None:
+            object.__setattr__(self, "phase_seconds", real("phase_seconds", self.phase_seconds, 0, 1e6, "s"))
         for name, least in (("phase_steps", 0), ("steps", 0), ("sweeps", 0), ("levels", 2)):
-            value = getattr(self, name)
-            whole = isinstance(value, Integral) and not isinstance(value, bool)
-            if not (whole and least <= int(value) <= MAX_STEPS):
-                raise ValueError(f"{name} {value} must be a whole number from {least} to {MAX_STEPS}")
+            object.__setattr__(self, name, whole(name, getattr(self, name), least, MAX_STEPS))
 
     @property
     def policy(self) -> Output:
         """The output policy of options that `methods.options_of` made."""
         assert self.output is not None
         return self.output
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)

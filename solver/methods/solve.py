@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias, get_args
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import array_of, shown, whole
 from ...pictures import Drawable
 from ..accelerated.devices import Backend, check_backend, device_for
 from ..acoustics.array import TransducerArray, check_array
@@ -18,7 +19,7 @@ from ..acoustics.propagation import Precision
 from ..contact.hand import Hand
 from ..contact.mesh import Mesh
 from ..contact.touch import Touch
-from ..geometry import counted, frozen
+from ..geometry import as_points, counted, frozen
 from ..shapes.points import MAX_POINTS, ControlPoints
 from ..shapes.shapes import Shape
 from .methods import METHODS, options_of
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Solution", "Solver", "Wanted", "control_points", "solve", "solve_frames"]
 
+MOST_WORKERS = 1024
 MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays in double precision
 
 Wanted: TypeAlias = ControlPoints | Shape | ArrayLike
@@ -169,15 +171,11 @@ class Solver:
         ValueError
             As `solve`.
         """
-        if not len(positions):
-            raise ValueError("there are no frames to solve for; give positions (k, m, 3), k at least 1")
-        try:
-            positions = np.array(positions, np.float64, order="C")  # as kernels read them
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"positions (k, m, 3) must be as many in each frame: {error}") from error
-        if positions.ndim != 3:
-            raise ValueError(f"positions have the shape {positions.shape}; it must be (k, m, 3)")
-        points = ControlPoints(positions[0], amplitudes)
+        positions = array_of("positions (k, m, 3)", positions, np.float64)  # C-contiguous, as kernels read them
+        if positions.ndim != 3 or not len(positions):
+            raise ValueError(f"positions have the shape {positions.shape}; it must be (k, m, 3), k at least 1")
+        as_points(positions.reshape(-1, positions.shape[2]), "control point")
+        points = ControlPoints(positions[0], array_of("amplitudes", amplitudes, np.float64))
         check_size(self.array, points, self.method)
         names = checked_ids(points, ids)
         drives = np.empty((len(positions), len(self.array)), np.complex64)
@@ -251,9 +249,10 @@ def solve_frames(
         or lacks the precision.
     """
     check_array(array)
+    if not isinstance(frames, Iterable):
+        raise ValueError(f"frames {shown(frames)} must be a sequence of control points")
     wanted, settings, air = [control_points(frame) for frame in frames], options_of(method, options), as_medium(medium)
-    if workers < 1:
-        raise ValueError(f"workers {workers} must be at least 1")
+    workers = whole("workers", workers, 1, MOST_WORKERS)
     check_backend(backend, precision)
     drives = np.empty((len(wanted), len(array)), dtype=np.complex64)
     for index, points in enumerate(wanted):
@@ -299,7 +298,7 @@ def checked_ids(points: ControlPoints, ids: NDArray[np.int64] | None) -> NDArray
     """Identities as kernels read them, writable; raises `ValueError` if they are not as many as the points."""
     if ids is not None and np.shape(ids) != (len(points),):
         raise ValueError(f"ids have the shape {np.shape(ids)}, but there are {len(points)} control points")
-    return None if ids is None else np.array(ids, np.int64)
+    return None if ids is None else array_of("ids", ids, np.int64)
 
 
 def check_size(array: TransducerArray, points: ControlPoints, method: str, where: str = "") -> None:

@@ -192,8 +192,8 @@ class TwoSidedSolver:
     ) -> None:
         check_array(array)
         self._array, self._method, self._medium = array, method, as_medium(medium)
-        check_frequency(frequency, 2, self._medium.frequency)
-        self._frequency, self._options = frequency, MappingProxyType(options)
+        self._frequency = check_frequency(frequency, 2, self._medium.frequency)
+        self._options = MappingProxyType(options)
         self._engine = pair_engine(array, self._medium, method, options_of(method, options), precision)
         self._count, self._first_id = 0, 0
 

@@ -22,6 +22,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import real
 from ...errors import InputFileError, MissingExtraError
 from ...extras import needing
 from ...storage import FilePath, read_file
@@ -114,8 +115,7 @@ def mesh_of(
     may_be_open: bool = False,
 ) -> Mesh:
     """The object whose surface is a file's triangles; parameters and errors as `read_mesh`."""
-    if scale is not None and not 0 < scale < np.inf:
-        raise ValueError(f"scale {scale} must be positive and finite")
+    scale = None if scale is None else real("scale", scale, 0, 1e9, above=True)
     tell(f"{path}: checking {len(faces)} faces")
     vertices = np.asarray(vertices, dtype=np.float64)
     with np.errstate(all="ignore"):

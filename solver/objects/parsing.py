@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import FARTHEST, real
 from ..contact.mesh import Mesh
 from ..contact.solids import SOLIDS
-from ..geometry import FARTHEST, as_position, frozen
+from ..geometry import as_position, frozen
 from ..shapes.notation import check, read_parameters, written
 from .mesh_files import MESH_FILES, read_mesh
 from .volumes import VOLUMES, read_volume_mesh, volume_suffix
@@ -43,8 +44,7 @@ class MovingObject:
     spin: float
 
     def __init__(self, mesh: Mesh, velocity: ArrayLike = (0, 0, 0), spin: float = 0.0) -> None:
-        if not np.isfinite(spin):
-            raise ValueError(f"spin {spin} degrees per second must be finite")
+        spin = real("spin", spin, unit="degrees per second")
         object.__setattr__(self, "mesh", mesh)
         object.__setattr__(self, "velocity", frozen(as_position(velocity, "velocity")))
         object.__setattr__(self, "spin", spin)

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import length, real, whole
 from ...errors import InputFileError
 from ...extras import install_command
 from ...storage import FilePath, read_file
 from ..archives import read_array, read_arrays
-from ..arguments import check_positive
 from ..contact.mesh import MOST_FACES, Mesh
 from .mesh_files import LARGEST, mesh_of
 
@@ -35,6 +35,7 @@ MOST_BYTES = 500_000_000
 """Of a volume, packed or not."""
 MOST_VOXELS = 2**27
 MOST_SLICES = 4096
+MOST_LEVEL = 1e30
 UNEVEN = 0.01
 """Largest difference between distances of slices, relative to the distance."""
 VOLUMES = ".npy, .npz, .nii, .nii.gz, .nrrd and .dcm files, DICOMDIR, and folders with DICOM slices"
@@ -163,10 +164,8 @@ def read_volume_mesh(
     OSError
         If it cannot be opened.
     """
-    if spacing is not None:
-        check_positive(spacing, "spacing")
-    if step < 1:
-        raise ValueError(f"step {step} must be at least 1")
+    spacing = None if spacing is None else length("spacing", spacing)
+    level, step = real("level", level, -MOST_LEVEL, MOST_LEVEL), whole("step", step, 1, MOST_VOXELS)
     path, tell = Path(path), status or (lambda _said: None)
     tell(f"reading {path}")
     volume = read_volume(path, spacing, None if series is None else str(series))

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import instance_of
 from ...pictures import LANDSCAPE, save_figure
 from ...storage import FilePath
 from ..acoustics.array import TransducerArray
-from ..arguments import instance_of
 from ..fields.field import Field, PlaneField
 from ..fields.quantities import QUANTITIES
 from ..fields.validity import validity

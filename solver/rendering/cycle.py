@@ -7,10 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import as_single, real, whole
+from ..acoustics.medium import MAX_FREQUENCY
 from ..geometry import frozen
 from ..methods.modulation import CARRIER
 
 __all__ = ["MOST_FRAMES", "Cycle", "timing"]
+
+MOST_PERIODS = 10_000_000
+"""For which drives are held, or written out: some minutes."""
 
 MOST_FRAMES = 256
 """Of a cycle: as many as a device of this project keeps (clause BLK-022)."""
@@ -38,11 +43,14 @@ class Cycle:
     carrier: float = CARRIER
 
     def __post_init__(self) -> None:
-        """Check the shape and the hold."""
+        """Check the shape and the ranges."""
+        object.__setattr__(self, "drives", as_single(self.drives))
         if self.drives.ndim != 2 or not self.drives.size:
             raise ValueError(f"drives of a cycle have the shape {self.drives.shape}; they must be (k, n), k at least 1")
-        if not self.hold >= 1:
-            raise ValueError(f"a cycle's hold of {self.hold} carrier periods must be at least 1")
+        object.__setattr__(self, "hold", whole("hold", self.hold, 1, MOST_PERIODS))
+        carrier = real("carrier", self.carrier, 0, MAX_FREQUENCY, "Hz", above=True)
+        object.__setattr__(self, "carrier", carrier)
+        object.__setattr__(self, "envelope", real("envelope", self.envelope, 0, carrier, "Hz"))
 
     def __repr__(self) -> str:
         return f"Cycle({len(self)} frames of {self.drives.shape[1]} drives, {self.frequency:g} Hz)"
@@ -82,6 +90,7 @@ class Cycle:
 
     def expanded(self, periods: int) -> NDArray[np.complex64]:
         """The drive of each of so many carrier periods, (periods, n), with the `envelope`."""
+        periods = whole("periods", periods, 0, MOST_PERIODS)
         drives: NDArray[np.complex64] = self.drives[np.arange(periods) // self.hold % len(self)]
         if not self.envelope:
             return drives

@@ -15,6 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import flag, real, whole
 from ..contact.touch import Touch
 from ..geometry import frozen
 from ..methods.solve import Wanted, control_points
@@ -34,6 +35,8 @@ SAME = 1e-9
 """Distance in metres within which two vertices are one."""
 ALONE = 5e-3
 """Length in metres of the line for which a focus would need as long as it rests at a point that is felt alone."""
+MOST_STEPS = 10_000_000
+"""Of a walk."""
 CORNER = math.radians(30)
 """Turn of a stroke from which on it has a corner there."""
 
@@ -124,11 +127,10 @@ class Outline:
         back : bool
             Whether a single open stroke is passed to and fro.
         """
-        if not 0 < speed < math.inf:
-            raise ValueError(f"a speed of {speed} m/s must be positive and finite")
+        count, (speed, pause) = whole("count", count, 1, MOST_STEPS), _pace(speed, pause)
         where, when = [], []
         now = 0.0
-        for stroke in self._walked(back):
+        for stroke in self._walked(flag("back", back)):
             reached = now + np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(stroke, axis=0), axis=1)) / speed])
             stays = _stays(stroke, speed, pause)
             before = np.cumsum(stays) - stays
@@ -141,7 +143,7 @@ class Outline:
 
     def round_trip(self, speed: float, pause: float = 0.0, *, back: bool = True) -> float:
         """Seconds in which `walk` goes once round."""
-        strokes = self._walked(back)
+        (speed, pause), strokes = _pace(speed, pause), self._walked(flag("back", back))
         length = sum(float(np.linalg.norm(np.diff(stroke, axis=0), axis=1).sum()) for stroke in strokes)
         return length / speed + sum(float(_stays(stroke, speed, pause).sum()) for stroke in strokes)
 
@@ -176,6 +178,10 @@ def _without_repeats(stroke: Line) -> Line:
 
 def _is_closed(stroke: Line) -> bool:
     return bool(len(stroke) > 2 and np.linalg.norm(stroke[-1] - stroke[0]) <= COINCIDENT * SPACING)
+
+
+def _pace(speed: float, pause: float) -> tuple[float, float]:
+    return real("speed", speed, 0, 1e6, "m/s", above=True), real("pause", pause, 0, 1e6, "s")
 
 
 def _stays(stroke: Line, speed: float, pause: float) -> NDArray[np.float64]:

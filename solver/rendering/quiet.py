@@ -15,12 +15,13 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass
-from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .cycle import Cycle
+from ...arguments import as_single, real, whole
+from ..acoustics.array import MAX_TRANSDUCERS
+from .cycle import MOST_PERIODS, Cycle
 
 __all__ = ["Completion", "Quieting", "Rates", "literal", "quieted"]
 
@@ -52,9 +53,8 @@ class Completion:
     def __post_init__(self) -> None:
         """Check the ranges."""
         for name in ("amplitude", "phase"):
-            value = getattr(self, name)
-            if not (isinstance(value, Integral) and int(value) >= 1):
-                raise ValueError(f"completion {name} {value} must be a whole number of carrier periods, at least 1")
+            periods = whole(f"completion {name}", getattr(self, name), 1, MOST_PERIODS)
+            object.__setattr__(self, name, periods)
 
     @property
     def limits(self) -> tuple[int, int, float, float]:
@@ -80,9 +80,8 @@ class Rates:
     def __post_init__(self) -> None:
         """Check the ranges."""
         for name, unit in (("amplitude", "of full drive"), ("phase", "rad")):
-            value = getattr(self, name)
-            if not (isinstance(value, Real) and 0 < float(value) < math.inf):
-                raise ValueError(f"rates {name} {value} {unit} must be a number, positive and finite")
+            value = real(f"rates {name}", getattr(self, name), 0, 1e6, unit, above=True)
+            object.__setattr__(self, name, value)
 
     @property
     def limits(self) -> tuple[int, int, float, float]:
@@ -105,7 +104,7 @@ class Quieting:
     """
 
     def __init__(self, transducers: int, rule: Completion | Rates) -> None:
-        self._limits = rule.limits
+        self._limits, transducers = rule.limits, whole("transducers", transducers, 1, MAX_TRANSDUCERS)
         self._targets = np.zeros(transducers, np.complex64)
         self._state, self._steps = np.zeros((2, transducers)), np.zeros((2, transducers))
 
@@ -115,15 +114,13 @@ class Quieting:
         Raises
         ------
         ValueError
-            If the wanted drives have another shape, or one is not finite.
+            If the wanted drives have another shape, or one is beyond full drive.
         """
         from ..compiled.change_kernels import follow  # numba takes half a second to import
 
-        wanted = np.ascontiguousarray(wanted, np.complex64)
+        wanted = np.ascontiguousarray(as_single(wanted))
         if wanted.ndim != 2 or wanted.shape[1] != len(self._targets):
             raise ValueError(f"wanted drives have the shape {wanted.shape}; they must be (t, {len(self._targets)})")
-        if not np.isfinite(wanted.view(np.float32).sum()):
-            raise ValueError("wanted drives must be finite, but some are not")
         drives = np.empty_like(wanted)
         follow(wanted, *self._limits, SILENT, self._targets, self._state, self._steps, drives)
         return drives

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
+from ...arguments import whole
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..contact.touch import Touch
 from ..methods.solve import Solver, Wanted
 from ..methods.two_sided import TwoSidedSolver
-from .cycle import MOST_FRAMES, Cycle
+from .cycle import MOST_FRAMES, MOST_PERIODS, Cycle
 from .outline import Outline
 from .ways import Solvers, Way, chosen, parse_way
 
@@ -60,8 +59,7 @@ class Renderer:
         least = 2
         if self._way is None or self._way.phase_only:
             least, options = LEAST_FRAMES, {"output": "phase"} | options
-        if not (isinstance(most_frames, int | np.integer) and most_frames >= least):
-            raise ValueError(f"most_frames {most_frames} must be a whole number, at least {least}")
+        most_frames = whole("most_frames", most_frames, least, MOST_PERIODS)
         self._solvers = Solvers(
             Solver(array, method, medium=medium, **options),
             TwoSidedSolver(array, method, medium=medium, **options),

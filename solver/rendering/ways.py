@@ -22,13 +22,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from numbers import Integral
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_number
+from ...arguments import real, whole
 from ..methods.modulation import FREQUENCY
 from ..methods.options import PHASE_LEVELS
 from ..methods.solve import Solver
@@ -255,11 +254,9 @@ class Spatiotemporal:
     def __post_init__(self) -> None:
         """Check the ranges."""
         _check(self, "speed", *SPEEDS)
-        _check(self, "foci", 1, 16)
-        if not isinstance(self.foci, Integral):
-            raise ValueError(f"stm foci {self.foci} must be a whole number")
+        object.__setattr__(self, "foci", whole("stm foci", self.foci, 1, 16))
         _check(self, "pause", 0, 10)
-        if self.modulation:
+        if self.modulation != 0:
             _check(self, "modulation", LOWEST, HIGHEST)
 
     @property
@@ -390,12 +387,8 @@ def _swelling(drive: NDArray[Any], frequency: float, solvers: Solvers) -> Cycle:
 
 
 def _check(way: Way | _Modulated, name: str, low: float, high: float) -> None:
-    unit, units, _ = UNITS.get(name, ("m", "metres", math.inf))
-    value = getattr(way, name)
-    check_number(value, f"{way.name} {name}", units)
-    if not low <= value <= high:
-        after = f" {unit}" if unit else ""
-        raise ValueError(f"{way.name} {name} {value:g}{after} must be from {low:g} to {high:g}{after}")
+    unit, *_ = UNITS.get(name, ("m",))
+    object.__setattr__(way, name, real(f"{way.name} {name}", getattr(way, name), low, high, unit))
 
 
 READERS["Envelope"] = (str, "sine or square")

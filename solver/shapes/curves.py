@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_positive
+from ...arguments import length
 from ..geometry import as_points
 from .points import MAX_POINTS, ControlPoints
 
@@ -143,7 +143,7 @@ def sample_curves(curves: Sequence[Curve], spacing: float = SPACING) -> ControlP
 
     If curves meet in a sample, it is one point, not two: the second would only make the system singular.
     """
-    check_positive(spacing, "spacing")
+    spacing = length("spacing", spacing)
     steps = [_steps(curve, spacing) for curve in curves]
     if (total := sum(count + (not curve.closed) for curve, count in zip(curves, steps, strict=True))) > MAX_POINTS:
         raise ValueError(f"spacing {spacing} m makes {total:.3g} control points; at most {MAX_POINTS} are possible")

@@ -9,9 +9,8 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+from ...arguments import FARTHEST, length, real, spelt
 from ...errors import InputFileError
-from ..arguments import check_number
-from ..geometry import FARTHEST, WIDEST
 
 __all__ = ["READERS", "check", "read_parameters", "written"]
 
@@ -30,7 +29,7 @@ UNITS = {
 
 
 def check(thing: Any, positive: tuple[str, ...] = ()) -> None:
-    """Raise `ValueError` if a float of a dataclass is no number, larger than its unit allows, or must be positive.
+    """Convert the floats of a frozen dataclass; `ValueError` if one is larger than its unit allows, or not positive.
 
     What must be positive is a size of a shape, at most `WIDEST`.
     """
@@ -38,13 +37,15 @@ def check(thing: Any, positive: tuple[str, ...] = ()) -> None:
         if field.type != "float":
             continue
         value = getattr(thing, field.name)
-        unit, units, largest = UNITS.get(field.name, LENGTH)
+        unit, _, largest = UNITS.get(field.name, LENGTH)
         name = f"{type(thing).__name__.lower()} {field.name}"
-        check_number(value, name, units)
-        if field.name in positive and not 0 < value <= WIDEST:
-            raise ValueError(f"{name} {value} m must be positive and at most {WIDEST:g} m; lengths are in metres")
-        if not abs(value) <= largest:
-            raise ValueError(f"{name} {value} {unit} must be at most {largest:g} {unit}")
+        if field.name in positive:
+            number = length(name, value)
+        elif unit == "m":
+            number = length(name, value, largest, least=-largest, above=False)
+        else:
+            number = real(name, value, -largest, largest, unit)
+        object.__setattr__(thing, field.name, number)
 
 
 def written(kind: type[Any]) -> str:
@@ -64,10 +65,15 @@ def _read_bool(text: str) -> bool:
     return {"yes": True, "no": False}[text]
 
 
+def _read_whole(text: str) -> int:
+    spelt(text)
+    return int(text)
+
+
 READERS: dict[Any, tuple[Callable[[str], Any], str]] = {
-    "float": (float, "a number of {unit}"),
-    "float | None": (float, "a number of {unit}"),
-    "int": (int, "a whole number"),
+    "float": (spelt, "a number of {unit}"),
+    "float | None": (spelt, "a number of {unit}"),
+    "int": (_read_whole, "a whole number"),
     "str | None": (str, "a text"),
     "bool": (_read_bool, "yes or no"),
 }

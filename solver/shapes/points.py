@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import array_of, length
 from ...pictures import MM, Drawable, axes_or_new
 from ..acoustics.array import TransducerArray
 from ..acoustics.propagation import PAIRS_AT_A_TIME
@@ -57,12 +58,9 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
 
     def __init__(self, positions: ArrayLike, amplitudes: ArrayLike | None = None) -> None:
         points = as_points(positions, "control point")
-        try:
-            values = np.ones(len(points)) if amplitudes is None else np.array(amplitudes, dtype=np.float64)
-            if values.ndim == 0:
-                values = np.full(len(points), values)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise ValueError(f"amplitudes must be numbers: {error}") from error
+        values = np.ones(len(points)) if amplitudes is None else array_of("amplitudes", amplitudes, np.float64)
+        if values.ndim == 0:
+            values = np.full(len(points), values)
         if values.shape != (len(points),):
             raise ValueError(f"amplitudes have the shape {values.shape}, but there are {len(points)} control points")
         if not (values.min() >= 0 and values.max() < math.inf):  # true also if one is not a number
@@ -93,8 +91,10 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
         """These points; ``sum`` begins with 0."""
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
-    def sample(self, spacing: float | None = None) -> ControlPoints:  # noqa: ARG002  # there is no line to cut
-        """These points, so that they are a shape too."""
+    def sample(self, spacing: float | None = None) -> ControlPoints:
+        """These points, so that they are a shape too: there is no line to cut."""
+        if spacing is not None:
+            length("spacing", spacing)
         return self
 
     @property

@@ -11,13 +11,13 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property, reduce
-from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import flag, spelt, whole
 from ...errors import InputFileError
 from ...pictures import Drawable
 from ..geometry import Scalable, as_points, counted
@@ -300,8 +300,7 @@ class Polygon(Drawn):
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if not (isinstance(self.sides, Integral) and 3 <= self.sides <= MAX_POINTS):
-            raise ValueError(f"polygon sides {self.sides} must be a whole number from 3 to {MAX_POINTS}")
+        object.__setattr__(self, "sides", whole("polygon sides", self.sides, 3, MAX_POINTS))
         check(self, positive=("radius", "height"))
 
     def curves(self) -> tuple[Curve, ...]:
@@ -331,6 +330,7 @@ class Polyline(Drawn):
         """Check that there is a line."""
         rows = as_points(self.vertices, "polyline corner").tolist()
         object.__setattr__(self, "vertices", tuple(tuple(row) for row in rows))
+        object.__setattr__(self, "closed", flag("polyline closed", self.closed))
         self.curves()
 
     def __repr__(self) -> str:
@@ -532,7 +532,7 @@ def read_vertices(text: str) -> Vertices:
         If the file cannot be read, or its points have amplitudes.
     """
     if Path(text).suffix.lower() not in POINT_FILES:
-        return tuple(tuple(float(number) for number in vertex.split(":")) for vertex in text.split("/"))
+        return tuple(tuple(spelt(number) for number in vertex.split(":")) for vertex in text.split("/"))
     points = read_points(text)
     if (points.amplitudes != 1).any():
         raise InputFileError(f"{text}: the vertices of a line have no amplitudes")

@@ -289,17 +289,17 @@ def test_wrong_arguments_are_refused_by_name() -> None:
         Links([FIVE_WIRE] * 10, -1)
     with pytest.raises(ValueError, match="credit_cycles -1 is negative"):
         Links([FIVE_WIRE] * 10, credit_cycles=-1)
-    with pytest.raises(ValueError, match="processor 10 is outside"):
+    with pytest.raises(ValueError, match="processor 10 must be a whole number"):
         links.down(10, 1, 0)
-    with pytest.raises(ValueError, match="tokens 0 is outside"):
+    with pytest.raises(ValueError, match="tokens 0 must be a whole number"):
         links.up(0, 0, 0)
-    with pytest.raises(ValueError, match="at -1 is outside"):
+    with pytest.raises(ValueError, match="at -1 must be a whole number"):
         links.up(0, 1, -1)
-    with pytest.raises(ValueError, match="link 10 is outside"):
+    with pytest.raises(ValueError, match="link 10 must be a whole number"):
         links.set_link(10, FIVE_WIRE)
-    with pytest.raises(ValueError, match="link -1 is outside"):
+    with pytest.raises(ValueError, match="link -1 must be a whole number"):
         links.cut(-1)
-    with pytest.raises(ValueError, match="processor -1 is outside"):
+    with pytest.raises(ValueError, match="processor -1 must be a whole number"):
         links.block(-1)
 
 

@@ -378,8 +378,8 @@ def test_a_device_that_fails_again_and_again_is_not_opened_for_ever() -> None:
         (0, 0.01, "a rate of 0 frames/s must be at least 0.001 and finite"),
         (40_001, 0.01, "at most 40000"),
         (float("nan"), 0.01, "a rate of nan"),
-        (100, -1, "a look-ahead of -1 s must lie between 0 and 10"),
-        (100, 11, "a look-ahead of 11 s"),
+        (100, -1, "a look_ahead -1 s must be from 0 to 10"),
+        (100, 11, "look_ahead 11 s"),
     ],
 )
 def test_rates_and_look_aheads_that_cannot_be_are_refused_before_anything_is_sent(

@@ -115,7 +115,7 @@ BAD_PHASE[1, 7], BAD_WIDTH[1, 319] = 100, 26
         ((GOOD[0], GOOD, 0), "phase must be"),
         (([[0] * 320], GOOD, 0), r"phase must be \(k, 320\) uint8, not \(1, 320\) int64"),
         ((GOOD, GOOD[:1], 0), "2 rows of phases but 1 of widths"),
-        ((GOOD, GOOD, 2**32), "sequence number 4294967296 is outside"),
+        ((GOOD, GOOD, 2**32), "sequence number 4294967296 must be a whole number"),
         ((GOOD, GOOD, -1), "sequence number -1"),
         ((GOOD, GOOD, 0, -1), r"periods must be whole numbers from 0 to 2\*\*64 - 1, not -1"),
         ((GOOD, GOOD, 0, np.array([3, -2])), "not -2"),

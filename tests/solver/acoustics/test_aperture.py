@@ -169,8 +169,8 @@ def test_arrays_that_are_no_aperture_are_named(tmp_path: Path) -> None:
         (([1, 1], 1e-4), r"must have the shape \(rows, columns\), not \(2,\)"),
         ((np.ones((0, 3)), 1e-4), r"not \(0, 3\)"),
         ((np.ones((1, 2049)), 1e-4), "too large; at most 2048 a side"),
-        ((np.ones((2, 2)), 0), "pixel of 0 m must be positive"),
-        ((np.ones((2, 2)), np.nan), "pixel of nan m"),
+        ((np.ones((2, 2)), 0), "pixel 0 m must be positive"),
+        ((np.ones((2, 2)), np.nan), "pixel nan m"),
         ((np.ones((2, 2)), 1.0), "2 of them in a row at most 1 m"),
         (([[0, 1], [1.5, 0]], 1e-4), r"pixel 1, 0 of an aperture is \(1\.5\+0j\), beyond a magnitude of 1"),
         (([[0, np.nan]], 1e-4), "pixel 0, 1 of an aperture is"),
@@ -186,9 +186,9 @@ def test_impossible_apertures_are_refused(arguments: tuple[Any, float], message:
 @pytest.mark.parametrize(
     ("radius", "pixel", "message"),
     [
-        (0, 1e-4, "radius 0 m needs a pixel"),
-        (1e-3, 2e-3, "not 0.002 m"),
-        (1e-3, 0, "not 0 m"),
+        (0, 1e-4, "radius 0 m must be positive"),
+        (1e-3, 2e-3, "pixel 0.002 m must be positive and at most 0.001 m"),
+        (1e-3, 0, "pixel 0 m must be positive"),
         (np.nan, 1e-4, "radius nan m"),
         (0.2, 1e-4, "pixel of 0.0001 m is too small for a radius of 0.2 m"),
     ],

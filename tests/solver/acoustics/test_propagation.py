@@ -34,7 +34,7 @@ POINTS = st.lists(
 def test_pressure_is_the_sum_of_the_transducers(points: np.ndarray, seed: int) -> None:
     rng = np.random.default_rng(seed)
     array = TransducerArray.grid(4, 3)
-    drive = rng.normal(size=12) + 1j * rng.normal(size=12)
+    drive = rng.random(12) * np.exp(2j * np.pi * rng.random(12))
     alone = sum(pressure(array, drive * (np.arange(12) == q), points) for q in range(12))
     np.testing.assert_allclose(pressure(array, drive, points), alone, atol=1e-9)
 
@@ -121,7 +121,7 @@ def test_a_louder_transducer_is_louder() -> None:
 @pytest.mark.parametrize(
     ("drive", "at", "message"),
     [
-        (object(), [[0, 0, 0.2]], r"a drive is \(n,\) complex, such as solution.drive"),
+        (object(), [[0, 0, 0.2]], r"drives must be numbers"),
         (np.ones(319), [[0, 0, 0.2]], r"drive has the shape \(319,\), but the array has 320 transducers"),
         (np.full(320, np.nan), [[0, 0, 0.2]], "drive of transducer 0 is .*nan"),
         (np.ones(320), [[0, np.inf, 0.2]], "point 0 is .*inf.*; its coordinates must be finite"),

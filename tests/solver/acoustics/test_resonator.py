@@ -202,11 +202,11 @@ def test_a_part_of_a_step_as_a_polynomial(resonator: Resonator, step: float) -> 
     ("call", "message"),
     [
         (lambda: Resonator(frequency=0), "resonator frequency 0 Hz must be positive"),
-        (lambda: Resonator(time_constant=math.inf), "resonator time_constant inf s must be positive and finite"),
+        (lambda: Resonator(time_constant=math.inf), "resonator time_constant inf s must be positive"),
         (lambda: Resonator(40e3, 1e-6), r"has the quality factor 0\.126; it oscillates only above 0\.5"),
         (lambda: Resonator().sampled(13e-6), r"a step of 1\.3e-05 s must be positive and less than half a period"),
-        (lambda: Resonator().sampled(0), "a step of 0 s"),
-        (lambda: Resonator().enveloped(CARRIER, -1), "a step of -1 s must be positive"),
+        (lambda: Resonator().sampled(0), r"a step of 0\.0 s"),
+        (lambda: Resonator().enveloped(CARRIER, -1), r"a step of -1\.0 s must be positive"),
         (lambda: Resonator(80e3).enveloped(CARRIER, 25e-6), "80000 and 40000 Hz, part by less than half a period"),
     ],
 )

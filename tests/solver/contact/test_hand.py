@@ -227,7 +227,7 @@ def test_only_some_of_many_faults_are_named() -> None:
     [
         ({"side": "Right"}, "'left' or 'right', not 'Right'"),
         ({"widths": [0.02] * 4}, "5 numbers"),
-        ({"widths": "broad"}, "5 numbers: could not convert"),
+        ({"widths": "broad"}, "widths must be numbers: they are text"),
         ({"widths": [0.02] * 4 + [0]}, "above 0"),
         ({"widths": [0.02] * 4 + [np.nan]}, "above 0"),
         ({"widths": [20] * 5}, "up to 0.1 m"),

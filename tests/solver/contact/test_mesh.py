@@ -10,8 +10,8 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from phasewire.arguments import FARTHEST
 from phasewire.solver.contact.mesh import MOST_FACES, Mesh, Solid
-from phasewire.solver.geometry import FARTHEST
 from scipy.spatial.transform import Rotation
 
 TRIANGLE = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]

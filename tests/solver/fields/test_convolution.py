@@ -37,7 +37,7 @@ def test_it_is_the_direct_sum(
     rng = np.random.default_rng(seed)
     whole = TransducerArray.grid(columns + 1, rows, 10.3e-3)
     chosen = rng.permutation(len(whole))[: max(2, len(whole) * 3 // 4)]
-    drive = rng.normal(size=len(chosen)) + 1j * rng.normal(size=len(chosen))
+    drive = rng.random(len(chosen)) * np.exp(2j * np.pi * rng.random(len(chosen)))
     response = rng.normal(size=len(chosen)) + 1j * rng.normal(size=len(chosen))
     response[1] = 0
     array = TransducerArray(whole.positions[chosen] + shift, whole.normals[chosen]).calibrated(response)
@@ -109,7 +109,7 @@ def test_impossible_propagators_are_refused(array: TransducerArray, arguments: d
     [
         (np.ones(11), r"drive has the shape \(11,\), but the array has 12 transducers"),
         (np.full(12, np.nan), "drive of transducer 0 is .*nan"),
-        (np.full(12, 1e300), "drive of transducer 0 is .*inf"),
+        (np.full(12, 1e300), "drive of transducer 0 has magnitude 1e.300"),
     ],
 )
 def test_bad_drives_are_named(drive: np.ndarray, message: str) -> None:

@@ -22,7 +22,7 @@ def test_the_step_is_kept_and_the_middle_is_sampled(array: TransducerArray) -> N
         ({"height": -0.1}, "height -0.1 m must be positive"),
         ({"height": 0.2, "step": 5e-324}, "makes more than"),
         ({"height": 0.2, "extent": 1e-3, "step": 1e-3}, "too long for a plane of 0.001 m"),
-        ({"height": 1e300}, "coordinates are metres, at most 1000"),
+        ({"height": 1e300}, "height 1e.300 m must be positive and at most 5 m"),
         ({"height": 0.2, "step": 1e-6}, "makes more than 4000000 samples"),
     ],
 )

@@ -91,14 +91,14 @@ def test_the_strongest_lobe_of_a_square_array_is_the_sinc_s() -> None:
 
 def test_an_unwanted_focus_is_a_ghost() -> None:
     wanted, unwanted = (-0.03, 0.0, 0.15), (0.03, 0.01, 0.15)
-    report = look(lone(ARRAY, wanted) + 0.7 * lone(ARRAY, unwanted), ControlPoints([wanted]))
+    report = look(0.5 * lone(ARRAY, wanted) + 0.35 * lone(ARRAY, unwanted), ControlPoints([wanted]))
     assert len(report.ghosts) == 1
     ghost = report.ghosts[0]
     assert ghost == report.strongest_lobe
     np.testing.assert_allclose(ghost.position, unwanted, atol=1.5e-3)
     assert ghost.pressure == pytest.approx(0.7 * report.mean, rel=0.1)
     assert ghost.level == pytest.approx(20 * np.log10(ghost.pressure / report.mean))
-    weaker = look(lone(ARRAY, wanted) + 0.35 * lone(ARRAY, unwanted), ControlPoints([wanted]))
+    weaker = look(0.5 * lone(ARRAY, wanted) + 0.175 * lone(ARRAY, unwanted), ControlPoints([wanted]))
     assert weaker.ghosts == ()
     assert weaker.strongest_lobe is not None
     assert weaker.strongest_lobe.pressure < GHOST * weaker.mean
@@ -106,7 +106,7 @@ def test_an_unwanted_focus_is_a_ghost() -> None:
 
 def test_a_point_without_pressure_is_missing() -> None:
     points = ControlPoints([[-0.04, 0, 0.15], [0.04, 0, 0.15], [0, 0.05, 0.15]])
-    drive = lone(ARRAY, (-0.04, 0, 0.15)) + lone(ARRAY, (0.04, 0, 0.15))
+    drive = (lone(ARRAY, (-0.04, 0, 0.15)) + lone(ARRAY, (0.04, 0, 0.15))) / 2
     report = look(drive, points)
     assert [focus.index for focus in report.missing] == [2]
     assert report.spread > 0.3
@@ -143,7 +143,7 @@ def test_a_peak_belongs_to_its_point_only_within_the_neighbourhood() -> None:
 
 
 def test_the_slope_of_a_focus_outside_the_grid_is_no_lobe() -> None:
-    drive = lone(ARRAY, (0, 0, 0.15)) + lone(ARRAY, (0.045, 0, 0.15))
+    drive = (lone(ARRAY, (0, 0, 0.15)) + lone(ARRAY, (0.045, 0, 0.15))) / 2
     grid = Grid.along("xy", (0, 0, 0.15), 0.08, 2e-3)  # ends 5 mm before the second focus
     assert focus_report(ARRAY, drive, ControlPoints([[0, 0, 0.15]]), grid=grid).ghosts == ()
 
@@ -170,7 +170,7 @@ def test_points_at_different_heights_are_looked_at_in_a_box() -> None:
 
 def test_a_ghost_at_another_height_is_found_in_a_box() -> None:
     points, unwanted = ControlPoints([[-0.03, 0, 0.09], [-0.03, 0, 0.11]]), (0.03, 0.0, 0.1)
-    drive = lone(ARRAY, (-0.03, 0.0, 0.1)) + lone(ARRAY, unwanted)
+    drive = (lone(ARRAY, (-0.03, 0.0, 0.1)) + lone(ARRAY, unwanted)) / 2
     report = focus_report(ARRAY, drive, points, grid=Grid.along("xyz", (0, 0, 0.1), [0.1, 0.04, 0.06], 2.1e-3))
     assert len(report.ghosts) == 1
     # Sound is strongest a little before the place where it is all in phase.
@@ -187,7 +187,7 @@ def test_by_default_array_and_points_are_searched() -> None:
 
 def test_the_record_is_json_and_the_summary_says_it() -> None:
     points = ControlPoints([[-0.03, 0, 0.15], [0.03, 0, 0.15], [0, 0.03, 0.15]], [1, 1, 0])
-    report = look(lone(ARRAY, (-0.03, 0, 0.15)) + 0.7 * lone(ARRAY, (0, -0.04, 0.15)), points)
+    report = look(0.5 * lone(ARRAY, (-0.03, 0, 0.15)) + 0.35 * lone(ARRAY, (0, -0.04, 0.15)), points)
     record = json.loads(json.dumps(report.record(), allow_nan=False))
     assert record["missing"] == [1]
     assert record["ghosts"][0]["pressure"] == report.ghosts[0].pressure

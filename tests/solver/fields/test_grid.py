@@ -40,11 +40,11 @@ def test_an_oblique_plane_follows_its_axes() -> None:
         ({"axes": [[1, 0, 0], [1, 0, 0]]}, "must be orthogonal"),
         ({"axes": [[1, 0, 0]], "counts": (3,)}, "1 axes and 1 counts: a grid has 2 or 3 of each"),
         ({"counts": (3, 3, 3)}, "2 axes and 3 counts"),
-        ({"counts": (0, 3)}, r"counts \(0, 3\) must be at least 1"),
+        ({"counts": (0, 3)}, r"count of samples 0 must be a whole number from 1"),
         ({"counts": (2001, 2000)}, "2001 × 2000 makes more than 4000000 samples"),
         ({"step": 0}, "step 0 m must be positive"),
-        ({"centre": (0, 0, np.nan)}, "centre of the grid 0 is .*nan"),
-        ({"centre": (0, 0)}, r"must have the shape \(m, 3\)"),
+        ({"centre": (0, 0, np.nan)}, "centre of the grid .*nan"),
+        ({"centre": (0, 0)}, r"centre of the grid \[0.0, 0.0\] must be three numbers"),
     ],
 )
 def test_impossible_grids_are_named(arguments: dict[str, Any], message: str) -> None:

@@ -51,7 +51,7 @@ def test_planes_and_boxes_by_fft_are_the_direct_sum(
     normals = np.tile(look, (len(chosen), 1))
     array = TransducerArray(whole.positions[chosen] + [0.02, 0, 0.01], normals, Transducer(model=model))
     array = array.calibrated(response)
-    drive = rng.normal(size=len(chosen)) + 1j * rng.normal(size=len(chosen))
+    drive = rng.random(len(chosen)) * np.exp(2j * np.pi * rng.random(len(chosen)))
     grid = Grid.along(letters, centre, extents[: len(letters)], lattice_of(array).pitch / per_pitch)
     with always_by_fft, shifting as used:
         found = sample(array, drive, grid, air)

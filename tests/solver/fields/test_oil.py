@@ -71,8 +71,8 @@ def test_oil_needs_a_horizontal_plane(array: Any) -> None:
     ("arguments", "message"),
     [
         ({"density": 0}, "oil density 0 kg/m³ must be positive"),
-        ({"surface_tension": -0.1}, "oil surface_tension -0.1 N/m must be finite and not negative"),
-        ({"reflection": 3}, "reflection 3 must lie between 1"),
+        ({"surface_tension": -0.1}, "oil surface_tension -0.1 N/m must be from 0"),
+        ({"reflection": 3}, "reflection 3 must be from 1 to 2: 1 for an absorber"),
     ],
 )
 def test_impossible_oils_are_named(arguments: dict[str, float], message: str) -> None:

@@ -132,13 +132,13 @@ def test_a_modulation_does_not_change() -> None:
         (([1, 1], [[1]]), r"drives must have the shape \(f, n\), not \(2,\)"),
         (([[1, 1]], [1]), r"weights must have the shape \(s, 1\), not \(1,\)"),
         (([[1, 1]], [[1, 1]]), r"weights must have the shape \(s, 1\), not \(1, 2\)"),
-        (([[1, np.inf]], [[1]]), r"drive 0 of transducer 1 is \(inf\+0j\); it must be finite"),
+        (([[1, np.inf]], [[1]]), r"drive of transducer 1 of frame 0 is \(inf\+0j\); it must be finite"),
         (([[1, 1]], [[1], [-0.5]]), "weight -0.5 of drive 0 in sample 1 must be finite and not negative"),
         (([[1, 1]], [[np.nan]]), "weight nan of drive 0 in sample 0"),
         (([[0, 0.6], [0, 0.6]], [[1, 0], [1, 1]]), "sample 1 drives transducer 1 beyond 1, which is full drive"),
-        (([[1]], [[1]], 0.0), "modulation frequency 0.0 Hz must be at least 0.01 Hz"),
-        (([[1]], [[1], [0]], 30_000), "as each of 2 samples lasts a carrier period or more, at most 20000 Hz"),
-        (([[1]], [[1]], 200, np.nan), "carrier nan Hz must be positive and finite"),
+        (([[1]], [[1]], 0.0), "modulation frequency 0.0 Hz must be from 0.01 to 40000 Hz"),
+        (([[1]], [[1], [0]], 30_000), "to 20000 Hz: each of 2 samples lasts a carrier period or more"),
+        (([[1]], [[1]], 200, np.nan), "carrier nan Hz must be positive"),
     ],
 )
 def test_bad_modulations_are_named(arguments: tuple[Any, ...], message: str) -> None:
@@ -147,9 +147,9 @@ def test_bad_modulations_are_named(arguments: tuple[Any, ...], message: str) -> 
 
 
 def test_bad_arguments_are_named(small: TransducerArray) -> None:
-    with pytest.raises(ValueError, match=r"depth 1\.5 must lie between 0 and 1"):
+    with pytest.raises(ValueError, match=r"depth 1\.5 must be from 0 to 1"):
         Modulation.sine([1], depth=1.5)
-    with pytest.raises(ValueError, match="samples 1 must be a whole number, at least 2"):
+    with pytest.raises(ValueError, match="samples 1 must be a whole number from 2"):
         Modulation.sine([1], samples=1)
     with pytest.raises(ValueError, match=r"the envelope must have the shape \(s,\), not \(1, 2\)"):
         Modulation.sampled([1], [[1, 2]])
@@ -157,7 +157,7 @@ def test_bad_arguments_are_named(small: TransducerArray) -> None:
         Modulation.two_sided([1, 1], [1, 1, 1])
     with pytest.raises(ValueError, match=r"the drive has the shape \(1, 1\); it must be \(n,\)"):
         Modulation.on_off([[1]])
-    with pytest.raises(ValueError, match="harmonic -1 must be a whole number, at least 0"):
+    with pytest.raises(ValueError, match="harmonic -1 must be a whole number from 0"):
         intensity_component(small, Modulation.on_off(np.ones(12)), AT, -1)
     with pytest.raises(ValueError, match="drive has the shape"):
         intensity_component(small, Modulation.on_off(np.ones(11)), AT)

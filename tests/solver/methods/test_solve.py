@@ -270,7 +270,7 @@ def test_a_bad_frame_among_many_is_named(array: TransducerArray) -> None:
     good, behind = ControlPoints([[0, 0, 0.2]]), ControlPoints([[0, 0, 0.2], [0, 0, -0.2]])
     with pytest.raises(ValueError, match=r"frame 2: control point 1 at .* is on the array or behind it"):
         solve_frames(array, [good, good, behind, good], workers=2)
-    with pytest.raises(ValueError, match="workers 0 must be at least 1"):
+    with pytest.raises(ValueError, match="workers 0 must be a whole number from 1"):
         solve_frames(array, [good], workers=0)
 
 

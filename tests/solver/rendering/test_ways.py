@@ -164,10 +164,10 @@ def test_ways_are_read_from_text() -> None:
     [
         ("vibrate", "unknown way of rendering 'vibrate'; known are auto, am, two-sided, lm, stm"),
         ("am:speed=3", "am has no parameter 'speed'; it has envelope, frequency"),
-        ("am:frequency=0", "am frequency 0 Hz must be from 0.01 to 1000 Hz"),
+        ("am:frequency=0", r"am frequency 0\.0 Hz must be from 0.01 to 1000 Hz"),
         ("am:envelope=saw", "am envelope 'saw' must be one of sine, square"),
-        ("lm:reach=1", "lm reach 1 m must be from 0.0001 to 0.05 m"),
-        ("stm:foci=0", "stm foci 0 must be from 1 to 16$"),
+        ("lm:reach=1", r"lm reach 1\.0 m must be from 0.0001 to 0.05 m"),
+        ("stm:foci=0", "stm foci 0 must be a whole number from 1 to 16$"),
         ("stm:speed=nan", "stm speed nan m/s must be from 0.01 to 50 m/s"),
         ("stm:pause=x", "stm pause 'x' is not a number of seconds"),
     ],

@@ -54,7 +54,7 @@ def test_points_are_read(
         ("p.csv", "0,0,0.2,-1\n", "amplitude -1.0 of control point 0"),
         ("p.json", "{", "Expecting property name"),
         ("p.json", "[[0, 0, 0.2]]", 'it must be an object with "positions"'),
-        ("p.json", '{"positions": [[0, 0, "a"]]}', "could not convert string"),
+        ("p.json", '{"positions": [[0, 0, "a"]]}', "must be numbers: they are text"),
         ("p.json", '{"positions": [[0, 0, 0.2]], "amplitude": [1]}', "unknown entry 'amplitude'"),
         ("p.json", '{"positions": [[0, 0, 0.2], [0]]}', "inhomogeneous"),
         ("p.txt", "# nothing\n", "there are no control points in it"),
