@@ -106,7 +106,7 @@ def real(
     try:
         number = float(given)
     except OverflowError:
-        number = math.copysign(math.inf, given > 0 or -1)
+        number = math.inf
     if not (least <= number <= most and math.isfinite(number)) or (above and number == least):
         units = f" {unit}" if unit else ""
         raise ValueError(f"{name} {shown(given)}{units} must be {_range(least, most, above)}{units}{hint}")
@@ -164,17 +164,9 @@ def length(name: str, value: Any, most: float = WIDEST, *, least: float = 0.0, a
     try:
         return real(name, value, least, most, "m", above=above)
     except ValueError as error:
-        raise ValueError(f"{error}{_in_metres(value, most)}") from None
-
-
-def _in_metres(value: Any, most: float) -> str:
-    try:
-        beyond = float(value) if isinstance(value, Real) else math.nan
-    except OverflowError:
-        return ""
-    if not most < abs(beyond) < math.inf:
-        return ""
-    return f"; lengths are in metres: {beyond:g} mm is {beyond / 1000:g}"
+        number = _number(value)
+        looks = f"; lengths are in metres: {number:g} mm is {number / 1000:g}" if most < abs(number) < math.inf else ""
+        raise ValueError(f"{error}{looks}") from None
 
 
 def celsius(name: str, value: Any) -> float:
@@ -182,12 +174,21 @@ def celsius(name: str, value: Any) -> float:
     try:
         return real(name, value, COLDEST, WARMEST, "°C")
     except ValueError as error:
+        number = _number(value)
         looks = ""
-        if isinstance(value, Real) and COLDEST + 273.15 <= value <= WARMEST + 273.15:
-            looks = f"; it looks like kelvin: {float(value):g} K is {float(value) - 273.15:.4g} °C"
-        elif isinstance(value, Real) and WARMEST < value <= WARMEST * 1.8 + 32:
-            looks = f"; it looks like fahrenheit: {float(value):g} °F is {(float(value) - 32) / 1.8:.4g} °C"
+        if COLDEST + 273.15 <= number <= WARMEST + 273.15:
+            looks = f"; it looks like kelvin: {number:g} K is {number - 273.15:.4g} °C"
+        elif WARMEST < number <= WARMEST * 1.8 + 32:
+            looks = f"; it looks like fahrenheit: {number:g} °F is {(number - 32) / 1.8:.4g} °C"
         raise ValueError(f"{error}{looks}") from None
+
+
+def _number(value: Any) -> float:
+    """A value as a float for a hint; NaN if it is none."""
+    try:
+        return float(value) if isinstance(value, Real) else math.nan
+    except OverflowError:
+        return math.nan
 
 
 def flag(name: str, value: Any) -> bool:

@@ -19,6 +19,7 @@ from .machine import Emulator
 
 __all__ = ["MOST_DEVICES", "Cluster"]
 
+MOST_PERIODS = 2**40
 MOST_DEVICES = 64
 
 
@@ -80,4 +81,5 @@ class Cluster:
 
     def run(self, periods: int) -> None:
         """Let carrier periods of 25 µs pass on every device, from where the last of them is."""
+        periods = whole("periods", periods, 0, MOST_PERIODS)
         self.run_until(max(device.scheduler.now for device in self.devices) + periods * CYCLES_PER_PERIOD)

@@ -13,6 +13,7 @@ from typing import Any, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import FARTHEST, array_of, as_drives
 from ..errors import PhasewireError
 from ..pictures import BLUE, CYCLIC, GREEN, LIGHT, ORANGE, RED, SEQUENTIAL
 from ..protocol.board import BOARDS, CARRIER_HZ, CHANNELS_PER_PROCESSOR, HALF_TICKS_PER_PERIOD, PROCESSORS_PER_BOARD
@@ -527,13 +528,11 @@ def _drives(given: Any, transducers: int) -> tuple[NDArray[np.complexfloating], 
         given = given.drive if isinstance(given, Solution) else given.drives
     elif isinstance(given, Pulses):
         given = given.to_drive()
-    drives = np.atleast_2d(np.asarray(given, np.complex128))
+    drives = np.atleast_2d(as_drives(given))
     if drives.shape[1:] != (transducers,) or not 1 <= len(drives) <= 2:
         raise ValueError(
             f"drives have the shape {drives.shape}, but the array has {transducers} transducers; one or two fields"
         )
-    if not np.isfinite(drives).all() or np.abs(drives).max() > 1 + 1e-6:
-        raise ValueError("every drive must be finite and of magnitude 1 at most")
     return drives, points
 
 
@@ -546,9 +545,10 @@ def _all_of(kind: type[Item], given: Item | Sequence[Item]) -> tuple[Item, ...]:
 
 
 def _points(given: ArrayLike) -> NDArray[np.float64]:
-    points = np.atleast_2d(np.asarray(given, np.float64))
-    if points.ndim != 2 or points.shape[1] not in (3, 4) or not np.isfinite(points).all():
+    points = np.atleast_2d(array_of("points", given, np.float64))
+    if points.ndim != 2 or points.shape[1] not in (3, 4) or not np.abs(points).max(initial=0) <= FARTHEST:
         raise ValueError(
-            f"points have the shape {points.shape}; they must be (m, 3) in metres, or (m, 4) with strengths"
+            f"points have the shape {points.shape}; they must be (m, 3) in metres, at most {FARTHEST:g}, or (m, 4) "
+            "with strengths"
         )
     return points if points.shape[1] == 4 else np.column_stack([points, np.ones(len(points))])

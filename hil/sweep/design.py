@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, Self, get_args
 
+from ...arguments import spelt
 from ...protocol.board import COLUMNS, PITCH_M, ROWS
 from ...solver import TransducerArray
 from ...solver.acoustics.transducer import MODELS, TRANSDUCERS
@@ -208,12 +209,14 @@ def _read(name: str, value: Any) -> Any:
                 return value
             case "str", Integral() if name == "quantisation":
                 return str(value)
-            case "int", str():
+            case "int", str() if value.isascii() and "_" not in value:
                 return int(value)
             case "int", Integral() | float() if value == (whole := int(value)):
                 return whole
-            case "float", str() | Real() if math.isfinite(number := float(value)):
-                return number
+            case "float", str() | Real():
+                number = spelt(value) if isinstance(value, str) else float(value)
+                if math.isfinite(number):
+                    return number
     except (ValueError, OverflowError):
         pass
     wanted = "a shape such as circle:radius=0.03, or a file of points" if name == "source" else _WANTED[kind]

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import spelt
 from ...solver.contact.hand import Hand, Side
 from ..lines.transport import Timekeeper
 from .frames import HandFrame, TrackedHand
@@ -118,7 +119,7 @@ def _frames(gesture: Callable[[float], Hand], rate: float, seconds: float) -> It
 
 
 def _within(text: str, least: float, most: float, unit: str) -> float:
-    value = float(text)
+    value = spelt(text)
     if not least <= value <= most:
         raise ValueError(f"it must be from {least:g} to {most:g} {unit}")
     return value

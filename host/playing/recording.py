@@ -36,6 +36,7 @@ from typing import Any, BinaryIO, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import whole
 from ...errors import InputFileError
 from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from ...protocol.quantise import PulseFrames, check_pulses
@@ -55,6 +56,7 @@ FRAMES_AT_A_TIME = 256
 MOST_TEXT_BYTES = 2**20
 """Enough for the positions of some ten thousand transducers."""
 UNFINISHED = 2**64 - 1
+MOST_FRAME = 2**63 - 1
 CHECKSUM_BYTES = 4
 _LAYOUT = struct.Struct("<8sIIQ")
 HEAD_BYTES = _LAYOUT.size + CHECKSUM_BYTES
@@ -272,6 +274,7 @@ class Recording:
         """
         if self._file.closed:
             raise ValueError(f"{self._path} is closed; open it again")
+        start, stop = whole("start", start, 0, MOST_FRAME), whole("stop", stop, 0, MOST_FRAME)
         wanted = range(len(self))[start:stop]
         self._file.seek(self._begin + wanted.start * self._frame_bytes)
         data = self._file.read(len(wanted) * self._frame_bytes)

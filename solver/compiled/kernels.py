@@ -179,6 +179,10 @@ def _looked_up(
     )
 
 
+LEVEL = 1e-6
+"""Height in metres over the plane of a transducer up to which a point is in it: single precision loses less."""
+
+
 @_part
 def first_suspect(points: Any, bounds: Any, farthest: Any) -> int:
     """First point that needs a closer look, or -1.
@@ -194,7 +198,7 @@ def first_suspect(points: Any, bounds: Any, farthest: Any) -> int:
             outside = outside or not bounds[0, k] < points[i, k] < bounds[1, k]
             along += away * bounds[3, k]
             distance2 += away * away
-        if suspect < 0 and not (outside and along > 0 and distance2 < farthest * farthest):
+        if suspect < 0 and not (outside and along > LEVEL and distance2 < farthest * farthest):
             suspect = i
     return suspect
 

@@ -29,6 +29,8 @@ __all__ = ["Field", "PlaneField", "VolumeField", "sample_cut", "sample_plane", "
 
 MAX_PAIRS = 2_000_000_000  # of samples and transducers, for the direct sum
 MAX_SPECTRUM = 16_000_000  # numbers of a plane's spectrum, for the FFT: some 400 MB with all that is made on the way
+NAMED = (0.0, 0.0, 0.15), 0.2, 1e-3
+"""Middle, sides and step in metres of a plane that is known by the name of its axes."""
 PAIRS_PER_SAMPLE = 90
 """Pairs of the direct sum that take as long as a number of the spectrum, which is made for one drive: half a nanosecond
 each against 25 to 60; measured by ``benchmarks/scaling.py``."""
@@ -204,7 +206,7 @@ def sample_plane(
 
 
 def sample_cut(
-    array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Medium | None = None, backend: Backend = "cpu"
+    array: TransducerArray, drive: ArrayLike, grid: Grid | str, medium: Medium | None = None, backend: Backend = "cpu"
 ) -> PlaneField:
     """Pressure over any plane, such as ``Grid.along("xz", (0, 0, 0.2), 0.2, 1e-3)``, a vertical one.
 
@@ -214,8 +216,8 @@ def sample_cut(
         n transducers.
     drive : (n,) complex
         Drives.
-    grid : Grid
-        A plane.
+    grid : Grid or str
+        A plane; by the name of its axes, such as ``"xz"``, one of 0.2 m by 0.2 m around (0, 0, 0.15) in steps of 1 mm.
     medium : Medium, optional
         The air; 20 °C by default.
     backend : {"cpu", "cuda"}
@@ -226,6 +228,8 @@ def sample_cut(
     ValueError
         If the grid is no plane, a sample is too close to a transducer, or there are too many samples.
     """
+    if isinstance(grid, str):
+        grid = Grid.along(grid, *NAMED)
     _check_kind(grid, "plane")
     medium = as_medium(medium)
     return PlaneField(grid, _sample(array, drive, grid, medium, backend), medium)
@@ -241,6 +245,7 @@ def sample_volume(
 
 
 def _check_kind(grid: Grid, kind: str) -> None:
+    instance_of(grid, Grid, "grid", 'such as Grid.along("xz", (0, 0, 0.15), 0.2, 1e-3)')
     if grid.kind != kind:
         raise ValueError(f"the grid is a {grid.kind}, with {len(grid.axes)} axes; it must be a {kind}")
 

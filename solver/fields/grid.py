@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,7 +84,7 @@ class Grid:
         instance_of(letters, str, "axes", "such as 'xz'")
         if len(letters) not in KINDS or len(set(letters)) != len(letters) or set(letters) - set("xyz"):
             raise ValueError(f"axes {letters!r} must be two or all of x, y and z, each once, such as xy or xz")
-        extents = [extent] * len(letters) if np.ndim(extent) == 0 else list(extent)  # type: ignore[arg-type]
+        extents: Any = np.ravel(extent).tolist() if np.ndim(extent) else [extent] * len(letters)
         if len(extents) != len(letters):
             raise ValueError(f"{len(extents)} extents for the axes {letters!r}: one for each is needed")
         axes = np.eye(3)[["xyz".index(letter) for letter in letters]]

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias, get_args
+from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -141,6 +142,7 @@ class Solver:
         """
         points = control_points(points)
         check_size(self.array, points, self.method)
+        warn_of_many(self.array, len(points))
         drive = self._engine.drive(points, checked_ids(points, ids))
         return Solution(frozen(drive), self.array, points, self.medium, self.method)
 
@@ -257,6 +259,7 @@ def solve_frames(
     drives = np.empty((len(wanted), len(array)), dtype=np.complex64)
     for index, points in enumerate(wanted):
         check_size(array, points, method, f"frame {index}: ")
+    warn_of_many(array, max(map(len, wanted), default=0))
     if backend == "cuda":
         from .batches import drive_batches, hindrance  # numba takes half a second to import
 
@@ -311,6 +314,16 @@ def check_size(array: TransducerArray, points: ControlPoints, method: str, where
         raise ValueError(
             f"{where}{m} control points with {n} transducers are too many; at most {MAX_POINTS} "
             f"points are possible, and at most {MAX_PAIRS} pairs{which}"
+        )
+
+
+def warn_of_many(array: TransducerArray, points: int) -> None:
+    """Warn if there are more control points than transducers, of which drives can meet no more than as many."""
+    if points > len(array):
+        warn(
+            f"{points} control points are more than the {len(array)} transducers: the field cannot meet them all; "
+            "space them further apart, or leave some out",
+            stacklevel=3,
         )
 
 

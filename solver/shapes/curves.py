@@ -150,7 +150,8 @@ def sample_curves(curves: Sequence[Curve], spacing: float = SPACING) -> ControlP
     positions = np.concatenate(
         [curve.at(_arc_lengths(curve, int(count))) for curve, count in zip(curves, steps, strict=True)]
     )
-    return without_coincidences(ControlPoints(positions), spacing)
+    points = ControlPoints.trusted(as_points(positions, "control point"), np.ones(len(positions)))
+    return without_coincidences(points, spacing)
 
 
 def _steps(curve: Curve, spacing: float) -> float:

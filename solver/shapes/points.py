@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
+from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +14,7 @@ from ...arguments import array_of, length
 from ...pictures import MM, Drawable, axes_or_new
 from ..acoustics.array import TransducerArray
 from ..acoustics.propagation import PAIRS_AT_A_TIME
-from ..geometry import Scalable, as_points, counted, extent, frozen, place
+from ..geometry import Scalable, as_points, coincident, counted, extent, frozen, place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,12 +24,19 @@ __all__ = ["MAX_POINTS", "REACH", "ControlPoints", "check_reachable", "reachable
 MAX_POINTS = 4096
 """Most control points that are solved for at once: far more than an array can serve, few enough for the memory."""
 
+COINCIDENT = 1e-4
+"""Distance in metres below which two points are one: a hundredth of a wavelength."""
+
 LEAST_AMPLITUDE = 1e-300
 """Of the strongest point: the inverse of a smaller one may be infinite."""
 
 REACH = 2.0
 """Distance in metres beyond which a control point is taken for a mistake, such as millimetres given as metres. The
 paper's array works best from 0.15 to 0.5 m."""
+
+LEVEL = 1e-6
+"""Height in metres over the plane of a transducer up to which a point is in it, where nothing sounds. The kernels have
+the same number."""
 
 LEVEL_MM = 0.1
 """Points whose heights differ by less are drawn as if in one plane."""
@@ -70,6 +78,12 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
             raise ValueError("every control point has amplitude 0; at least one must be positive")
         if values.max() < LEAST_AMPLITUDE:
             raise ValueError(f"the largest amplitude is {values.max():g}; it must be at least {LEAST_AMPLITUDE:g}")
+        if pair := coincident(points, COINCIDENT):
+            warn(
+                f"control points {pair[0]} and {pair[1]} are both at {place(points[pair[0]])}: two at one place are "
+                "felt as one, and take strength from the others",
+                stacklevel=2,
+            )
         object.__setattr__(self, "positions", frozen(points))
         object.__setattr__(self, "amplitudes", frozen(values))
 
@@ -186,7 +200,7 @@ def _problems(array: TransducerArray, positions: NDArray[np.float64]) -> list[tu
     for first in range(0, len(positions), at_a_time):
         part = slice(first, first + at_a_time)
         offset = positions[part, None, :] - array.positions[None, :, :]
-        in_front[part] = (np.einsum("mnk,nk->mn", offset, array.normals) > 0)[:, array.able].any(axis=1)
+        in_front[part] = (np.einsum("mnk,nk->mn", offset, array.normals) > LEVEL)[:, array.able].any(axis=1)
         nearest[part] = np.linalg.norm(offset, axis=2).min(axis=1)
     return [
         (

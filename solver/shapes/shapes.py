@@ -10,7 +10,7 @@ import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import cached_property, reduce
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
@@ -183,7 +183,9 @@ class Drawing(Drawn):
         Parameters and errors are those of `Drawn.sample`.
         """
         sampled = [part.sample(spacing) for part in self._parts]
-        return without_coincidences(reduce(ControlPoints.__add__, sampled))
+        positions = np.concatenate([part.positions for part in sampled])
+        amplitudes = np.concatenate([part.amplitudes for part in sampled])
+        return without_coincidences(ControlPoints.trusted(positions, amplitudes))
 
 
 def _spokes(
