@@ -14,8 +14,8 @@ from ..solver.geometry import PointsLike, as_places
 __all__ = ["arriving", "as_waves", "behind", "responses"]
 
 
-LOUDEST = 1e6
-"""Of waves, to that of full drive; a resonance overshoots by some per cent."""
+LOUDEST = 1e12
+"""Of waves, to that of full drive: their squares fit single precision."""
 
 
 def _is_single(waves: ArrayLike) -> bool:

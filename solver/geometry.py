@@ -166,7 +166,10 @@ def rotation_matrix(degrees: float, axis: ArrayLike) -> NDArray[np.float64]:
     ValueError
         If the angle is not finite, or the axis has no direction.
     """
-    direction = array_of("axis", axis, np.float64)
+    try:
+        direction = array_of("axis", axis, np.float64)
+    except ValueError:
+        direction = np.array(np.nan)
     length = np.linalg.norm(direction)
     if direction.shape != (3,) or not 0 < length < math.inf:
         raise ValueError(f"axis {axis!r} must be three finite numbers, not all of them 0, such as (1, 0, 0) for x")

@@ -103,6 +103,7 @@ def read_envelope(path: FilePath, *, force: bool = False) -> Envelope:
     """
     import scipy  # which takes long to import
 
+    force = flag("force", force)
     data = read_file(path, MOST_WAV_BYTES)
     try:
         with warnings.catch_warnings():

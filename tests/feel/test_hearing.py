@@ -192,5 +192,5 @@ def test_it_does_not_matter_where_a_cycle_begins(array: TransducerArray) -> None
 def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match=r"pulses have the shape \(2, 2\); \(t, 1\) is needed"):
         audible(ONE, np.ones((2, 1)), np.ones((2, 2)), [[0, 0, 1]])
-    with pytest.raises(ValueError, match="a beam of 0 m must have a positive length"):
+    with pytest.raises(ValueError, match="reach 0 m must be positive"):
         audible(ONE, np.ones((2, 1)), None, [[0, 0, 1]], reach=0)

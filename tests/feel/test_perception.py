@@ -269,11 +269,11 @@ def test_silence_is_not_felt(array: TransducerArray) -> None:
 
 def test_wrong_shapes_and_times_are_refused(array: TransducerArray) -> None:
     waves = np.zeros((40, 320), np.complex64)
-    with pytest.raises(ValueError, match=re.escape("waves have the shape (40, 319); they must be (t, 320)")):
+    with pytest.raises(ValueError, match=re.escape("waves have the shape (40, 319); (t, 320) is needed")):
         feel(array, waves[:, 1:], PATCH)
-    with pytest.raises(ValueError, match="every 0 carrier periods must be at least 1"):
+    with pytest.raises(ValueError, match="every 0 must be a whole number from 1"):
         feel(array, waves, PATCH, every=0)
     with pytest.raises(ValueError, match=re.escape("pressures have the shape (4, 5); they must be (t, 441)")):
         felt_map(np.zeros((4, 5)), PATCH, RATE)
-    with pytest.raises(ValueError, match=r"a window of 2 s must last from 0\.0005 to 0\.001 s"):
+    with pytest.raises(ValueError, match=r"window 2 s must be from"):
         feel(array, waves, PATCH).intensity_over_time(2)

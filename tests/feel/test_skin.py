@@ -217,7 +217,7 @@ def test_displacement_is_linear_and_has_the_sign_of_the_push() -> None:
         ({"stiffness": 0.0}, "skin stiffness 0.0 Pa must be positive"),
         ({"density": np.inf}, "skin density inf kg/m³"),
         ({"viscosity": -1.0}, "skin viscosity -1.0 Pa·s"),
-        ({"poisson": 0.6}, "skin poisson 0.6 must lie between 0 and 0.5"),
+        ({"poisson": 0.6}, "skin poisson 0.6 must be from 0 to 0.5"),
     ],
 )
 def test_an_impossible_skin_is_refused(values: dict[str, float], said: str) -> None:

@@ -102,3 +102,13 @@ def test_the_strongest_plane_of_a_box_is_sampled_where_it_says() -> None:
     assert plane.strongest()[0] == box.strongest()[0]
     again = sample_cut(array, drive, plane.grid)
     np.testing.assert_allclose(plane.pressure, again.pressure, atol=1e-3 * box.strongest()[0])
+
+
+def test_a_plane_is_known_by_the_name_of_its_axes() -> None:
+    array = TransducerArray([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])  # which look to +z
+    named = sample_cut(array, [1, 1], "xz")
+    assert (named.x[[0, -1]].tolist(), named.z[[0, -1]].tolist()) == ([-0.1, 0.1], pytest.approx([0.05, 0.25]))
+    whole = sample_cut(array, [1, 1], Grid.along("xz", (0, 0, 0.15), 0.2, 1e-3))
+    np.testing.assert_array_equal(named.pressure, whole.pressure)
+    with pytest.raises(ValueError, match="axes 'xx' must be two or all of x, y and z"):
+        sample_cut(array, [1, 1], "xx")

@@ -274,6 +274,23 @@ def test_a_bad_frame_among_many_is_named(array: TransducerArray) -> None:
         solve_frames(array, [good], workers=0)
 
 
+def test_more_points_than_transducers_and_points_at_one_place_warn() -> None:
+    small = TransducerArray.grid(2, 1)
+    with pytest.warns(UserWarning, match="3 control points are more than the 2 transducers"):
+        solve(small, [[0, 0, 0.1], [0.01, 0, 0.1], [0.02, 0, 0.1]])
+    with pytest.warns(UserWarning, match=r"control points 0 and 2 are both at \(0, 0, 100\) mm"):
+        ControlPoints([[0, 0, 0.1], [0.01, 0, 0.1], [0, 0, 0.1]])
+
+
+@pytest.mark.parametrize("z", [1e-46, 1e-9, 5e-7])
+def test_a_point_in_the_plane_of_the_array_is_refused(array: TransducerArray, z: float) -> None:
+    """In single precision its height may be 0, and then nothing sounds there."""
+    for point in ([0, 0, z], [0.5, 0, z]):
+        with pytest.raises(ValueError, match="is on the array or behind it"):
+            solve(array, [point])
+    assert np.abs(solve(array, [[0, 0, 1e-5]]).drive).max() == pytest.approx(1, abs=1e-5)
+
+
 def test_a_transducer_that_looks_away_stays_silent() -> None:
     array = TransducerArray([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]], [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     for method in METHODS:

@@ -110,7 +110,7 @@ def test_points_are_moved_and_added_with_their_amplitudes() -> None:
     ("make", "error", "message"),
     [
         (lambda: Circle().moved(3), ValueError, r"offset 3.0 must be three numbers of metres"),
-        (lambda: Circle().scaled(0), ValueError, "scale 0 must be positive"),
+        (lambda: Circle().scaled(0), ValueError, "scale 0 must be from 1e-06"),
         (lambda: Circle().rotated(90, (0, 0, 0)), ValueError, "axis .* not all of them 0"),
         (lambda: Circle() + 3, TypeError, "unsupported operand"),  # type: ignore[operator]
         (lambda: ControlPoints([[0, 0, 1]], -1), ValueError, "amplitude -1.0 of control point 0"),
