@@ -273,7 +273,7 @@ def check_drives(drives: NDArray[np.complexfloating], first: int = 0) -> None:
     magnitudes = np.abs(drives)
     for wrong, complaint in (
         (~np.isfinite(drives), "is {drive}; it must be finite"),
-        (magnitudes > 1 + MAGNITUDE_TOLERANCE, "has magnitude {magnitude:.6g}; at most 1, full drive, is possible"),
+        (magnitudes > 1 + MAGNITUDE_TOLERANCE, "has magnitude {magnitude:.6g}; at most 1 is possible"),
     ):
         if wrong.any():
             *frame, transducer = at = tuple(np.argwhere(wrong)[0])

@@ -65,7 +65,7 @@ def test_samples_of_any_type_count_by_their_values(of: Callable[[bytes], Any]) -
 
 @pytest.mark.parametrize("wrong", [3, "loud", np.array([0.5]), None])
 def test_samples_are_numbers(wrong: Any) -> None:
-    with pytest.raises(TypeError):
+    with pytest.raises((ValueError, TypeError)):
         Samples(wrong)
 
 
@@ -83,5 +83,5 @@ def test_other_types_than_pulses_are_refused() -> None:
 @pytest.mark.parametrize("wrong", [1.5, "soon", None])
 def test_numbers_are_whole(wrong: Any) -> None:
     for make in (lambda: Update(SILENT, wrong), lambda: Slot(wrong, SILENT), lambda: pack(Block(Clock(), wrong))):
-        with pytest.raises(TypeError):
+        with pytest.raises(ValueError, match="must be a whole number from 0 to"):
             make()

@@ -218,7 +218,7 @@ def test_a_plane_that_is_too_close_is_turned_off_and_said(compare: str | None) -
     [
         ({"drive": np.zeros(7)}, "320 transducers"),
         ({"drive": np.zeros((3, 320))}, "one or two fields"),
-        ({"drive": np.full(320, 2)}, "magnitude 1"),
+        ({"drive": np.full(320, 2)}, "has magnitude 2; at most 1 is possible"),
         ({"drive": np.full(320, np.nan)}, "finite"),
         ({"points": [(0, 0)]}, r"\(m, 3\)"),
         ({"points": [(0, 0, np.inf)]}, r"\(m, 3\)"),

@@ -77,7 +77,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         ("translation_mm = [0, 0, nan]", "translation_mm is .*; it must be three finite numbers"),
         ('translation_m = ["0", "0", "0"]', "it must be three finite numbers"),
         ("translation_m = [[0, 0], [0]]", "it must be three finite numbers"),
-        ("translation_m = [0, 2e9, 0]", "translation .* must be three numbers of metres, at most 1000 each"),
+        ("translation_m = [0, 2e9, 0]", "translation .* must be three numbers of metres, at most 10 each"),
         ("translation_m = [0,0,0]\ntranslation_mm = [0,0,0]", "translation_m and translation_mm exclude each other"),
         ("rotation_degrees = [0,0,0]\nrotation = [[1,0,0],[0,1,0],[0,0,1]]", "rotation_degrees exclude each other"),
         ("rotation = 90", "rotation is 90; it must be three rows of three finite numbers"),

@@ -178,7 +178,7 @@ def test_the_cache_is_the_user_s_unless_named(monkeypatch: pytest.MonkeyPatch, t
     [
         (Transducer(), 0.05, "model 'piston' needs no table; rayleigh, rayleigh-1, as-printed do"),
         (DISC["rayleigh"], 5e-3, r"a table from 0\.005 m on is too near; .* 4\.50 mm needs at least 9\.00 mm"),
-        (DISC["rayleigh"], np.nan, "a table from nan m on"),
+        (DISC["rayleigh"], np.nan, "nearest nan m must be"),
         (Transducer(0.1, model="rayleigh"), 0.3, "reaches 100.0 mm needs a table of .* at most 300000 are possible"),
     ],
 )

@@ -209,7 +209,7 @@ def test_a_large_mesh_of_loose_triangles_is_refused_before_any_repair() -> None:
 def test_too_many_bodies_are_refused() -> None:
     small = Mesh.of([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
     copies = np.arange(MOST_BODIES + 1)
-    vertices = (small.vertices * 0.005 + 0.01 * copies[:, None, None] * [1, 0, 0]).reshape(-1, 3)
+    vertices = (small.vertices * 4e-4 + 8e-4 * copies[:, None, None] * [1, 0, 0]).reshape(-1, 3)
     faces = (small.faces + 4 * copies[:, None, None]).reshape(-1, 3)
     with pytest.raises(ValueError, match="10001 separate bodies; at most 10000 are possible"):
         Mesh.of(vertices, faces).repaired()

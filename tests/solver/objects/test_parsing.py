@@ -46,13 +46,13 @@ def test_a_moving_object_stays_within_bounds(seconds: float) -> None:
 
 def test_a_file_is_put_at_the_given_place(tmp_path: Path) -> None:
     path = tmp_path / "odd:na=me.stl"
-    path.write_bytes(binary_stl(Mesh.cube(80, (500, 500, 500))))
+    path.write_bytes(binary_stl(Mesh.cube(4, (5, 5, 5))))
     said: list[str] = []
-    found = parse_object(f"{path}:scale=0.001,z=0.2,rotation=45", said.append)
+    found = parse_object(f"{path}:scale=0.02,z=0.2,rotation=45", said.append)
     expected = Mesh.cube(0.08, (0, 0, 0.2)).rotated(45)
     np.testing.assert_allclose(np.sort(found.mesh.vertices, axis=0), np.sort(expected.vertices, axis=0), atol=1e-6)
     assert said[0] == f"reading {path}"
-    with pytest.raises(InputFileError, match=r"looks like millimetres: pass scale=0\.001"):
+    with pytest.raises(InputFileError, match=r"looks like centimetres or millimetres: pass scale=0\.01"):
         parse_object(str(path))
 
 
@@ -80,9 +80,9 @@ def test_a_folder_is_a_dicom_series(tmp_path: Path) -> None:
         ("cube:size=a", "cube size 'a' is not a number of metres"),
         ("cube:size", "cube size '' is not a number of metres"),
         ("cube:size=0", "size 0.0 m must be positive"),
-        ("cube:x=nan", "placement x nan m must be at most 1000 m"),
-        ("cube:vx=1e9", "placement vx .* m/s must be at most 100 m/s"),
-        ("cube:turn=1e9", "placement turn .* degrees/s must be at most 36000 degrees/s"),
+        ("cube:x=nan", "placement x nan m must be from -10 to 10 m"),
+        ("cube:vx=1e9", "placement vx .* m/s must be from -100 to 100 m/s"),
+        ("cube:turn=1e9", "placement turn .* degrees/s must be from -36000 to 36000 degrees/s"),
         ("cube:turn=x", "cube turn 'x' is not a number of degrees per second"),
         ("cube:x=0,x=0", "cube x is given twice"),
         ("cup.stl:size=0.1", "cup.stl has no parameter 'size'; it has open, rotation, scale"),
