@@ -109,19 +109,17 @@ def real(
         number = math.inf
     if not (least <= number <= most and math.isfinite(number)) or (above and number == least):
         units = f" {unit}" if unit else ""
-        raise ValueError(f"{name} {shown(given)}{units} must be {_range(least, most, above)}{units}{hint}")
+        raise ValueError(f"{name} {shown(given)}{units} must be {_range(least, most, above, units)}{hint}")
     return number
 
 
-def _range(least: float, most: float, above: bool) -> str:
+def _range(least: float, most: float, above: bool, units: str) -> str:
+    low = "positive" if above and least == 0 else f"above {least:g}{units}" if above else f"at least {least:g}{units}"
     if least == -math.inf:
-        return "finite" if most == math.inf else f"finite and at most {most:g}"
+        return "finite" if most == math.inf else f"finite and at most {most:g}{units}"
     if most == math.inf:
-        low = ("positive" if least == 0 else f"above {least:g}") if above else f"at least {least:g}"
         return f"{low} and finite"
-    if above:
-        return f"{'positive' if least == 0 else f'above {least:g}'} and at most {most:g}"
-    return f"from {least:g} to {most:g}"
+    return f"{low} and at most {most:g}{units}" if above else f"from {least:g} to {most:g}{units}"
 
 
 def whole(name: str, value: Any, least: int, most: int) -> int:
@@ -165,7 +163,9 @@ def length(name: str, value: Any, most: float = WIDEST, *, least: float = 0.0, a
         return real(name, value, least, most, "m", above=above)
     except ValueError as error:
         number = _number(value)
-        looks = f"; lengths are in metres: {number:g} mm is {number / 1000:g}" if most < abs(number) < math.inf else ""
+        looks = (
+            f"; lengths are in metres: {number:g} mm is {number / 1000:g}" if most < abs(number) <= 1000 * most else ""
+        )
         raise ValueError(f"{error}{looks}") from None
 
 
@@ -238,7 +238,7 @@ def as_frequencies(frequency: ArrayLike, *, above: bool = False) -> NDArray[np.f
     if read.size and not (read.min() >= 0 and read.max() <= HIGHEST and (read.min() or not above)):
         inside = (read > 0 if above else read >= 0) & (read <= HIGHEST)
         bad = read.flat[int(np.argmin(inside))]
-        raise ValueError(f"frequency {bad} Hz must be {_range(0, HIGHEST, above)} Hz")
+        raise ValueError(f"frequency {bad} Hz must be {_range(0, HIGHEST, above, ' Hz')}")
     return read
 
 

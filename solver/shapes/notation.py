@@ -24,6 +24,8 @@ UNITS = {
     "vy": _SPEED,
     "vz": _SPEED,
     "scale": ("m", "metres for each unit of the file", FARTHEST),
+    "depth": ("", "full depth", 1.0),
+    "phase": ("degrees", "degrees", 360_000.0),
     "level": ("", "the volume's values", float("inf")),
 }
 

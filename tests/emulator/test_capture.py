@@ -189,9 +189,9 @@ def test_the_spectrum_of_full_drive_is_that_of_a_square_wave(emulator: Emulator)
     assert tops[40] == pytest.approx(0, abs=0.01)
     assert tops[120] == pytest.approx(20 * np.log10(1 / 3), abs=0.1)  # a tick is not short beside its half wave
     assert max(level for kilohertz, level in tops.items() if kilohertz % 40) == -80
-    with pytest.raises(ValueError, match="output 320 must be from 0 to 319"):
+    with pytest.raises(ValueError, match="output 320 must be a whole number from 0 to 319"):
         capture.plot_spectrum(output=320)
-    with pytest.raises(ValueError, match="output 320 must be from 0 to 319"):
+    with pytest.raises(ValueError, match="output 320 must be a whole number from 0 to 319"):
         capture.plot(outputs=[0, 320])
 
 

@@ -267,7 +267,10 @@ def test_components_of_a_series() -> None:
         (lambda playback: playback.signal([0, 0, 0], 0, 5), r"points must have the shape \(m, 3\)"),
         (lambda playback: playback.intensity_component(AT, 200, 0, 48), r"hold 0\.24 cycles of 200 Hz; a whole number"),
         (lambda playback: component([], 0, 1000), "0 samples at 1000 Hz hold 0 cycles"),
-        (lambda playback: component(np.ones(10), 500, 1000), "frequency 500 Hz must be .* below half the rate of 1000"),
+        (
+            lambda playback: component(np.ones(10), 500, 1000),
+            "frequency 500.0 Hz must be .* below half the rate of 1000",
+        ),
         (lambda playback: replace(playback, array=TransducerArray.grid(2, 2)), "an array of 4 transducers"),
         (lambda playback: replace(playback, medium=Medium(frequency=25e3)), "a medium for 25000 Hz does not fit"),
     ],

@@ -179,7 +179,7 @@ def test_what_is_not_finished_leaves_the_old_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rate", [0, -1, 1e-300, np.nan, np.inf])
 def test_a_rate_is_positive(tmp_path: Path, rate: float) -> None:
-    with pytest.raises(ValueError, match=f"a rate of {rate:g} frames/s must be at least 0.001 and finite"):
+    with pytest.raises(ValueError, match=f"a rate of {rate:g} frames/s must be at least 0.001 frames/s and finite"):
         record(tmp_path / "none.frames", some(1), rate, array=GRID)
     assert not list(tmp_path.iterdir())
 
@@ -281,9 +281,9 @@ def headed(text: bytes, frames: int, text_bytes: int | None = None) -> bytes:
     [
         ({"carrier_hz": 25_000}, "made for a device of carrier_hz 25000; here it is 40000"),
         ({"format": [1, 2]}, "does not say that it is a phasewire-recording-2"),
-        ({"rate_hz": -1.0}, "a rate of -1 frames/s"),
-        ({"rate_hz": 1e-300}, "a rate of 1e-300 frames/s must be at least 0.001 and finite"),
-        ({"rate_hz": np.nan}, "a rate of nan frames/s"),
+        ({"rate_hz": -1.0}, "rate -1.0 frames/s"),
+        ({"rate_hz": 1e-300}, "rate 1e-300 frames/s must be at least 0.001 frames/s and finite"),
+        ({"rate_hz": np.nan}, "rate nan frames/s"),
         ({"rate_hz": 10**400}, "too large"),
         ({"rate_hz": "5"}, "its rate_hz is no float"),
         ({"source": "gone"}, "there is no 'source' in it"),

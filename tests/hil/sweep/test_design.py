@@ -66,7 +66,7 @@ def test_what_is_out_of_range_is_named_with_the_range(name: str, data: st.DataOb
         ({"quantisation": "-4"}, "quantisation is '-4'"),
         ({"method": "guess"}, "unknown method 'guess'; known are wgs"),
         ({"method": "multiplex", "gamma": 0.5}, "multiplex has no option 'gamma'"),
-        ({"gamma": 2}, "gamma 2.0 must be a number between 0 and 1"),
+        ({"gamma": 2}, "gamma 2.0 must be from 0 to 1"),
         ({"phase_seconds": 1}, "there is no field 'phase_seconds'; the fields are source, columns"),
     ],
 )

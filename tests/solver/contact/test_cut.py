@@ -304,9 +304,7 @@ def test_each_of_several_objects_has_its_arcs() -> None:
 ANY = st.floats(allow_nan=False, allow_infinity=False)
 
 
-@given(
-    hnp.arrays(np.float64, (16, 4, 3), elements=ANY), hnp.arrays(np.float64, (5, 3), elements=st.floats(-10, 10))
-)
+@given(hnp.arrays(np.float64, (16, 4, 3), elements=ANY), hnp.arrays(np.float64, (5, 3), elements=st.floats(-10, 10)))
 def test_no_finite_input_breaks_the_kernels(quads: Floats, vertices: Floats) -> None:
     mesh = Mesh.of(vertices, [(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2), (1, 2, 4)])
     for hands in (False, True):

@@ -198,7 +198,10 @@ def bent(landmark: int, *values: float) -> NDArray[np.float64]:
         (bent(8, 0, np.inf, 0), "landmark 8 is .*finite"),
         (bent(8, 0, 1e9, 0), "landmark 8 is .*coordinates are metres"),
         (np.zeros((21, 3)), "the palm is 0 m long, .*it must be from 0.028 to 0.19 m$"),
-        (Hand.flat((0, 0, 0.2)).landmarks * 1000, "landmark 0 is .*; coordinates are metres, at most 10: 150 mm is 0.15"),
+        (
+            Hand.flat((0, 0, 0.2)).landmarks * 1000,
+            "landmark 0 is .*; coordinates are metres, at most 10: 150 mm is 0.15",
+        ),
         (Hand.flat().landmarks * 12, r"the palm is 1.1\d m long.*0.19 m$"),
         (Hand.flat().landmarks * [0, 1, 0], "the palm has no breadth: landmarks 5 and 17 are 0.0 mm apart across it"),
         (around_the_wrist(), "the palm has no length: its knuckles are on all sides of landmark 0"),
