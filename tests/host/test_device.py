@@ -109,7 +109,7 @@ def test_the_wrong_number_of_pulses_sends_nothing(emulator: Emulator) -> None:
 
 @pytest.mark.parametrize("period", [1.5, "soon"])
 def test_a_period_is_a_whole_number(emulator: Emulator, period: object) -> None:
-    with open_device(emulator.url) as device, pytest.raises(ValueError, match="period .* must be a whole number"):
+    with open_device(emulator.url) as device, pytest.raises(ValueError, match=r"period .* must be a whole number"):
         device.show(FULL, period)  # type: ignore[arg-type]  # the wrong type is the point
 
 

@@ -179,7 +179,7 @@ def test_what_is_not_finished_leaves_the_old_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rate", [0, -1, 1e-300, np.nan, np.inf])
 def test_a_rate_is_positive(tmp_path: Path, rate: float) -> None:
-    with pytest.raises(ValueError, match=f"a rate of {rate:g} frames/s must be at least 0.001 frames/s and finite"):
+    with pytest.raises(ValueError, match=f"rate {rate:g} frames/s must be at least 0.001 frames/s and finite"):
         record(tmp_path / "none.frames", some(1), rate, array=GRID)
     assert not list(tmp_path.iterdir())
 
