@@ -61,7 +61,7 @@ def test_links_slower_than_info_can_state_are_refused() -> None:
 
 
 def test_time_does_not_run_backwards(emulator: Emulator) -> None:
-    with pytest.raises(ValueError, match="-1 periods"):
+    with pytest.raises(ValueError, match="periods -1 must be a whole number"):
         emulator.run(-1)
 
 

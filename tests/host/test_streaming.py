@@ -377,7 +377,6 @@ def test_a_device_that_fails_again_and_again_is_not_opened_for_ever() -> None:
     [
         (0, 0.01, "rate 0 frames/s must be at least 0.001 frames/s and finite"),
         (40_001, 0.01, "at most 40000"),
-        (float("nan"), 0.01, "rate nan"),
         (100, -1, "look_ahead -1 s must be from 0 to 10"),
         (100, 11, "look_ahead 11 s"),
     ],

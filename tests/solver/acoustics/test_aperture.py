@@ -170,7 +170,6 @@ def test_arrays_that_are_no_aperture_are_named(tmp_path: Path) -> None:
         ((np.ones((0, 3)), 1e-4), r"not \(0, 3\)"),
         ((np.ones((1, 2049)), 1e-4), "too large; at most 2048 a side"),
         ((np.ones((2, 2)), 0), "pixel 0 m must be positive"),
-        ((np.ones((2, 2)), np.nan), "pixel nan m"),
         ((np.ones((2, 2)), 1.0), "2 of them in a row at most 1 m"),
         (([[0, 1], [1.5, 0]], 1e-4), r"pixel 1, 0 of an aperture is \(1\.5\+0j\), beyond a magnitude of 1"),
         (([[0, np.nan]], 1e-4), "pixel 0, 1 of an aperture is"),
@@ -189,7 +188,6 @@ def test_impossible_apertures_are_refused(arguments: tuple[Any, float], message:
         (0, 1e-4, "radius 0 m must be positive"),
         (1e-3, 2e-3, "pixel 0.002 m must be positive and at most 0.001 m"),
         (1e-3, 0, "pixel 0 m must be positive"),
-        (np.nan, 1e-4, "radius nan m"),
         (0.2, 1e-4, "pixel of 0.0001 m is too small for a radius of 0.2 m"),
     ],
 )
@@ -203,7 +201,6 @@ def test_impossible_discs_are_refused(radius: float, pixel: float, message: str)
     [
         ({"kernel": "piston"}, "unknown kernel 'piston'; known are rayleigh, rayleigh-1, as-printed"),
         ({"z": 0}, "z 0 m must be positive"),
-        ({"extent": np.inf}, "extent inf m"),
         ({"extent": 1}, "makes more than 10000000 samples"),
     ],
 )

@@ -84,13 +84,10 @@ def test_absorption_scales_with_pressure(temperature: float, frequency: float, h
     ("arguments", "message"),
     [
         ({"temperature": -300}, "temperature -300"),
-        ({"temperature": math.nan}, "temperature nan"),
         ({"temperature": 293.15}, "from -50 to 60 °C; it looks like kelvin: 293.15 K is 20 °C"),
         ({"temperature": 72}, "it looks like fahrenheit: 72 °F is 22.22 °C"),
         ({"frequency": 0}, "frequency 0"),
-        ({"frequency": math.inf}, "inf"),
         ({"humidity": 101}, "humidity 101 % must be from 0 to 100 %"),
-        ({"humidity": math.nan}, "humidity nan"),
         ({"ambient_pressure": 0}, "ambient_pressure 0 Pa must be from 1000 to"),
     ],
 )

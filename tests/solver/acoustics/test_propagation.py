@@ -123,8 +123,6 @@ def test_a_louder_transducer_is_louder() -> None:
     [
         (object(), [[0, 0, 0.2]], r"drives must be numbers"),
         (np.ones(319), [[0, 0, 0.2]], r"drive has the shape \(319,\), but the array has 320 transducers"),
-        (np.full(320, np.nan), [[0, 0, 0.2]], "drive of transducer 0 is .*nan"),
-        (np.ones(320), [[0, np.inf, 0.2]], "point 0 is .*inf.*; its coordinates must be finite"),
         (np.ones(320), [[5.15e-3, 5.15e-3, 1e-3]], "point 0 at .* is 1.00 mm from transducer 170"),
     ],
 )

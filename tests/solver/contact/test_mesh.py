@@ -22,8 +22,6 @@ directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda axis: math.hypot(*
 @pytest.mark.parametrize(
     ("vertices", "faces", "message"),
     [
-        ([[0, 0, math.nan], *TRIANGLE[1:]], [[0, 1, 2]], r"vertex 0 is \[0.0, 0.0, nan\]; its coordinates must be"),
-        ([*TRIANGLE, [0, math.inf, 0]], [[0, 1, 2]], "vertex 3 is"),
         ([*TRIANGLE, [0, 1e9, 0]], [[0, 1, 2]], f"vertex 3 is .* metres, at most {FARTHEST:g}"),
         ([], [[0, 1, 2]], r"vertices must have the shape \(m, 3\)"),
         ([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], r"vertices must have the shape \(m, 3\)"),
@@ -117,13 +115,9 @@ def test_arrays_are_read_only() -> None:
     ("change", "message"),
     [
         (lambda: WEDGE.moved((0, 0)), r"offset \[0.0, 0.0\] must be three numbers"),
-        (lambda: WEDGE.moved((0, 0, math.nan)), "offset .* must be three numbers"),
         (lambda: WEDGE.moved((0, 0, 6)).moved((0, 0, 6)), "offset .* at most 10 each"),
-        (lambda: WEDGE.rotated(math.inf), "angle inf degrees must be"),
         (lambda: WEDGE.rotated(10, (0, 0, 0)), "axis .* not all of them 0"),
-        (lambda: WEDGE.rotated(10, (0, math.nan, 0)), "axis .* three finite numbers"),
         (lambda: WEDGE.scaled(0), "scale 0 must be from 1e-06"),
-        (lambda: WEDGE.scaled(math.nan), "scale nan must be from 1e-06"),
         (lambda: WEDGE.scaled(1e6), "vertex 0 is .* at most 10"),
         (lambda: Mesh(WEDGE.solid, np.ones((3, 3)), np.zeros(3)), "is no rotation: its rows"),
         (lambda: Mesh(WEDGE.solid, np.diag([1.0, 1, -1]), np.zeros(3)), "is no rotation but a reflection"),

@@ -64,9 +64,7 @@ def test_size_and_centre() -> None:
     ("made", "message"),
     [
         (lambda: Mesh.cube(size=0), "size 0 m must be positive"),
-        (lambda: Mesh.cone(size=math.nan), "size nan m must be positive"),
         (lambda: Mesh.sphere(size=2000), "size 2000 m must be positive and at most 5 m; .* 2000 mm is 2"),
-        (lambda: Mesh.cube(centre=(0, math.nan, 0)), "centre .* must be three numbers"),
     ],
 )
 def test_invalid_sizes_are_refused(made: Any, message: str) -> None:
