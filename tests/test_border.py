@@ -158,6 +158,7 @@ def _calls() -> dict[str, Call]:
         "Mesh.of": (pw.Mesh.of, {"vertices": cube.vertices, "faces": cube.faces}),
         "Mesh.moved": (cube.moved, {"offset": (0.0, 0.0, 0.01)}),
         "Mesh.rotated": (cube.rotated, {"degrees": 10.0, "axis": (0.0, 0.0, 1.0)}),
+        "Mesh.repaired": (cube.repaired, {"may_be_open": False}),
         "Mesh.scaled": (cube.scaled, {"factor": 0.5}),
         "Modulation": (
             pw.Modulation,
@@ -305,7 +306,7 @@ def _numbers(kind: Any) -> dict[str, str]:
     return {
         each.name: str(each.annotation)
         for each in known
-        if NUMBER.search(str(each.annotation)) and "Callable" not in str(each.annotation)
+        if NUMBER.search(str(each.annotation)) and not re.search("Callable|str . int", str(each.annotation))
     }
 
 

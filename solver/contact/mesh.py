@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import array_of, length
+from ...arguments import array_of, flag, length
 from ..geometry import as_points, as_position, as_scale, extent, frozen, place, rotation_matrix
 from .curvature import edge_curvature
 from .edges import edge_tables
@@ -227,7 +227,7 @@ class Mesh:
             If a repair is not safe; the message says what is wrong with the mesh. The rules are those of
             `repair.repair`.
         """
-        vertices, faces, repairs = repair(self.solid.vertices, self.faces, may_be_open=may_be_open)
+        vertices, faces, repairs = repair(self.solid.vertices, self.faces, may_be_open=flag("may_be_open", may_be_open))
         return type(self)(Solid(vertices, faces, self.repairs + repairs), self.rotation, self.offset)
 
     @classmethod
