@@ -229,6 +229,7 @@ def _calls() -> dict[str, Call]:
         "solve": (pw.solve, {"array": grid, "points": two}),
         "solve_frames": (pw.solve_frames, {"array": grid, "frames": [two], "workers": 1}),
         "sound_pressure_level": (pw.sound_pressure_level, {"pressure": [1.0]}),
+        "Toucher.touch": (pw.Toucher().touch, {"hands": hand, "objects": cube, "time": 0.0}),
         "touch": (pw.touch, {"hands": hand, "objects": cube, "spacing": 0.015, "corners": True, "most_points": 8}),
         "two_sided": (pw.two_sided, {"array": grid, "points": two, "frequency": 200.0}),
         "Aperture": (solver.Aperture, {"image": np.ones((3, 3)), "pixel": 1e-3}),

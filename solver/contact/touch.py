@@ -30,6 +30,9 @@ LEAST_SPACING = 1e-3
 FRAME_SECONDS = 0.01
 """Between frames without a time: trackers give about 100 a second."""
 
+LATEST = 1e12
+"""Largest time of a frame, in seconds: it still tells a millisecond from the next one."""
+
 MOST_HANDS = 16
 MOST_OBJECTS = 256
 """Hands and objects at once, so that no call takes unbounded time."""
@@ -185,7 +188,7 @@ class Toucher:
     def _elapsed(self, time: float | None) -> int:
         """Microseconds since the last frame, 0 if time went backwards, at most a second."""
         if time is not None:
-            time = real("time", time, unit="s")
+            time = real("time", time, -LATEST, LATEST, "s")
         last, self._time = self._time, time
         if time is None:
             return round(FRAME_SECONDS * 1e6)

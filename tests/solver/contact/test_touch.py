@@ -175,11 +175,3 @@ def test_other_things_than_hands_and_objects_are_refused() -> None:
         touch(hand, [mesh] * (MOST_OBJECTS + 1))
     with pytest.raises(ValueError, match="there are 17 hands; at most 16 are possible"):
         touch([hand] * 17, mesh)
-
-
-@pytest.mark.parametrize("time", [math.nan, math.inf, -math.inf, "now"])
-def test_a_time_that_is_none_is_refused(time: float) -> None:
-    toucher = Toucher()
-    with pytest.raises(ValueError, match=r"the time of a frame is ('now'|-?inf|nan)( s)?; it must be"):
-        toucher.touch(Hand.flat(), Mesh.cube(), time)
-    assert toucher.touch(Hand.flat(), Mesh.cube(), 0.0)
