@@ -43,6 +43,7 @@ EVERYWHERE = {"0.0.0.0": socket.gethostname(), "::": "::1"}
 """Addresses that mean all of a computer's, and the name by which its own browser finds it there."""
 PATIENCE_SECONDS = 5.0
 PING_SECONDS = 1.0
+MOST_PAGES = 32
 MOST_SAVED_BYTES = 2**28
 MOST_PENDING = 100
 DEFAULT_PORT = 80
@@ -204,6 +205,7 @@ class PageServer:
                 process_request=self._answer,
                 compression=None,
                 max_size=MOST_SAVED_BYTES if self._saving else MOST_COMMAND_BYTES,
+                open_timeout=PATIENCE_SECONDS,
                 ping_interval=PING_SECONDS,
                 ping_timeout=PATIENCE_SECONDS,
                 close_timeout=1.0,
@@ -313,6 +315,10 @@ class PageServer:
             if not hmac.compare_digest(given.encode(), self._token.encode()):
                 return self._said(
                     http.HTTPStatus.FORBIDDEN, "the token is wrong: open the URL that the program printed"
+                )
+            if len(self._clients) >= MOST_PAGES:
+                return self._said(
+                    http.HTTPStatus.SERVICE_UNAVAILABLE, f"{MOST_PAGES} pages are open already: close one of them"
                 )
             return None
         if path not in SOURCES:

@@ -9,10 +9,11 @@ must be seen.
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import select
-import selectors
 import socket
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from math import inf
@@ -22,6 +23,7 @@ from .station import Conversation, Station
 from .uart import Uart
 from .usbip_session import Exported, UsbIpSession
 from .usbredir import UsbRedirSession
+from .waiting import PreciseSelector
 
 __all__ = ["Server", "precise_loop"]
 
@@ -42,6 +44,12 @@ CHUNK_BYTES = 1 << 16
 MOST_AT_ONCE = 1 << 20
 """The greatest number of bytes read from a client at once. A stream has 20 ms of blocks under way, and after a pause
 the missed time passes as soon as bytes were read: this must include all of them."""
+
+GREETING_SECONDS = 5.0
+"""How long a client may hold a place without a request."""
+
+MOST_SILENT = 64
+"""How many clients may be connected to a server before their first request; then the oldest is dropped."""
 
 
 class _Link(Protocol):
@@ -97,7 +105,7 @@ class _Pulse:
             self._next.cancel()
 
 
-class _Connection(asyncio.BufferedProtocol):
+class _Connection(asyncio.BufferedProtocol, ABC):
     """A client on a socket: what every TCP door has in common."""
 
     conversation: Conversation
@@ -108,23 +116,38 @@ class _Connection(asyncio.BufferedProtocol):
         self._transport: asyncio.Transport | None = None
         self._writable = True
         self._who = ""
-        self._buffer = memoryview(bytearray(MOST_AT_ONCE))
+        self._buffer: memoryview | None = None
+        self.late = False
+        """Whether it has had `GREETING_SECONDS` for its first request."""
+
+    @property
+    @abstractmethod
+    def has_asked(self) -> bool:
+        """Whether its first request has come."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Accept a client."""
+        """Accept a client, or turn it away if another one has its place."""
         self._transport = cast("asyncio.Transport", transport)
-        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        if not self._begin():
+            transport.set_protocol(asyncio.Protocol())
+            transport.close()
+            return
+        with suppress(OSError):  # the client has already gone
+            transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self._who = "{}:{}".format(*transport.get_extra_info("peername"))
+        self._deadline = asyncio.get_running_loop().call_later(GREETING_SECONDS, self._judge)
         self._server.links.append(self)
         if self._pulse:
             self._meet(self._pulse)
 
     def get_buffer(self, _hint: int) -> memoryview:
-        """The buffer for the next bytes."""
+        """The buffer for the next bytes, which is made for the first ones: a silent client costs none."""
+        self._buffer = self._buffer or memoryview(bytearray(MOST_AT_ONCE))
         return self._buffer
 
     def buffer_updated(self, count: int) -> None:
         """Handle received bytes."""
+        assert self._buffer
         data = bytes(self._buffer[:count])
         if self._pulse:
             self._pulse.hear(self.conversation, data)
@@ -134,10 +157,8 @@ class _Connection(asyncio.BufferedProtocol):
 
     def connection_lost(self, _error: Exception | None) -> None:
         """The client has gone, or was dropped."""
-        self.conversation.hang_up()
-        self._server.links.remove(self)
+        self._leave()
         if self._pulse:
-            self._pulse.links.remove(self)
             self._pulse.beat()
             self._server.tell(f"{self._pulse.name}: {self._who} has gone")
 
@@ -168,8 +189,32 @@ class _Connection(asyncio.BufferedProtocol):
     def close(self) -> None:
         """Drop the client at once."""
         assert self._transport
-        self.conversation.hang_up()
+        self._leave()
         self._transport.abort()
+
+    def drop(self, reason: str) -> None:
+        """Drop the client at once, and tell why."""
+        self._server.tell(f"{self._who} was dropped: {reason}")
+        self.close()
+
+    def _begin(self) -> bool:
+        """Begin the conversation; returns False if another client has its place."""
+        return True
+
+    def _leave(self) -> None:
+        """Give the place back, once."""
+        if self in self._server.links:
+            self._deadline.cancel()
+            self._server.links.remove(self)
+            if self._pulse:
+                self._pulse.links.remove(self)
+            self.conversation.hang_up()
+
+    def _judge(self) -> None:
+        """Its time for a first request has passed."""
+        self.late = True
+        if not self.has_asked:
+            self.drop(f"it requested nothing within {GREETING_SECONDS:g} s")
 
     def _meet(self, pulse: _Pulse) -> None:
         self._pulse = pulse
@@ -185,6 +230,11 @@ class _UsbIpConnection(_Connection):
         self.conversation = self._session = session
         self._pulses = pulses
 
+    @property
+    def has_asked(self) -> bool:
+        """Whether it has a device; the answers to all other requests end the connection."""
+        return self._pulse is not None
+
     def buffer_updated(self, count: int) -> None:
         """Handle received bytes; they may request a device."""
         super().buffer_updated(count)
@@ -199,6 +249,10 @@ class _UsbIpConnection(_Connection):
             self._server.tell(f"{self._who} was dropped: {self._session.end}")
         super().connection_lost(_error)
 
+    def _begin(self) -> bool:
+        self._server.make_room()
+        return True
+
 
 class _UsbRedirConnection(_Connection):
     """A host of a device by usbredir; only one at a time has it."""
@@ -207,33 +261,51 @@ class _UsbRedirConnection(_Connection):
         super().__init__(server, pulse)
         self._exported = exported
 
+    @property
+    def has_asked(self) -> bool:
+        """Whether its greeting has come."""
+        return self._session.greeted
+
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A host has come."""
-        self.conversation = UsbRedirSession(self._exported)
         super().connection_made(transport)
         assert self._pulse
         self._pulse.beat()
 
+    def _begin(self) -> bool:
+        if self._exported.taken:
+            return False
+        self.conversation = self._session = UsbRedirSession(self._exported)
+        return True
+
 
 class _SerialConnection(_Connection):
-    """A client of a serial line; only one at a time has it."""
+    """A client of a serial line; only one at a time has it.
+
+    A person may open the line and type later. So a silent client keeps the line until another one comes.
+    """
 
     def __init__(self, server: Server, uart: Uart, pulse: _Pulse) -> None:
         super().__init__(server, pulse)
         self.conversation = self._uart = uart
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """A client has come."""
+    @property
+    def has_asked(self) -> bool:
+        """Whether any byte has come."""
+        return self._buffer is not None
+
+    def _begin(self) -> bool:
+        assert self._pulse
+        for link in tuple(self._pulse.links):
+            if isinstance(link, _SerialConnection) and link.late and not link.has_asked:
+                link.drop("it has sent nothing yet, and another client has come")
+        if self._uart.connected:
+            return False
         self._uart.connect()
-        super().connection_made(transport)
+        return True
 
-
-class _Stranger(asyncio.Protocol):
-    """A client of a serial line that another client holds."""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Leave it."""
-        transport.close()
+    def _judge(self) -> None:
+        self.late = True
 
 
 class _Pty:
@@ -320,11 +392,8 @@ class _Pty:
 
 
 def precise_loop() -> asyncio.AbstractEventLoop:
-    """An event loop whose sleeps are exact to some tens of microseconds.
-
-    asyncio's default loops end their sleeps at whole milliseconds, and a device's queue is empty after 0.8 ms.
-    """
-    return asyncio.SelectorEventLoop(selectors.SelectSelector())
+    """An event loop whose sleeps are exact to some tens of microseconds."""
+    return asyncio.SelectorEventLoop(PreciseSelector())
 
 
 class Server:
@@ -348,6 +417,7 @@ class Server:
         self.links: list[_Link] = []
         self._pulses = {station: _Pulse(name, station) for name, station in stations.items()}
         self._listeners: list[asyncio.Server] = []
+        self._told = set[str]()
 
     async def __aenter__(self) -> Self:
         loop = asyncio.get_running_loop()
@@ -365,7 +435,7 @@ class Server:
         await asyncio.sleep(0)  # connections end in the loop's next turn
         for pulse in self._pulses.values():
             pulse.rest()
-        asyncio.get_running_loop().set_exception_handler(None)
+        self.stop()  # from now on errors are of no interest, such as asyncio's own for a listener that is closed
 
     async def listen_usbip(self, exports: Mapping[str, Exported], host: str, port: int) -> int:
         """Offer devices by USB/IP; returns the port, which the system chooses for 0.
@@ -386,9 +456,7 @@ class Server:
             If that address cannot be used.
         """
         pulse = self._pulses[exported.station]
-        return await self._listen(
-            lambda: _Stranger() if exported.taken else _UsbRedirConnection(self, exported, pulse), host, port
-        )
+        return await self._listen(lambda: _UsbRedirConnection(self, exported, pulse), host, port)
 
     async def listen_serial(self, uart: Uart, station: Station, host: str, port: int) -> int:
         """Offer a serial line by TCP; returns the port, which the system chooses for 0.
@@ -400,9 +468,7 @@ class Server:
         """
         station.conversations.append(uart)
         pulse = self._pulses[station]
-        return await self._listen(
-            lambda: _Stranger() if uart.connected else _SerialConnection(self, uart, pulse), host, port
-        )
+        return await self._listen(lambda: _SerialConnection(self, uart, pulse), host, port)
 
     def open_pty(self, uart: Uart, station: Station) -> str:
         """Offer a serial line as a pseudo-terminal; returns its path.
@@ -431,6 +497,13 @@ class Server:
             async with asyncio.timeout(seconds):
                 await self._ended
 
+    def make_room(self) -> None:
+        """Drop the client that has been silent for longest if there are too many; the first time is told."""
+        silent = [link for link in self.links if isinstance(link, _Connection) and not link.has_asked]
+        if len(silent) >= MOST_SILENT:
+            self._tell_once(f"{MOST_SILENT} clients have requested nothing yet: the oldest is dropped for each new one")
+            silent[0].close()
+
     def stop(self) -> None:
         """Make `serve` return."""
         if not self._ended.done():
@@ -448,6 +521,13 @@ class Server:
 
     def _fail(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception")
+        if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+            self._tell_once(f"no further client can connect for now: {error.strerror}; `ulimit -n` is the limit")
         if isinstance(error, OSError) or self._ended.done():
             return  # a client's connection broke, or we are about to leave
         self._ended.set_exception(error or RuntimeError(context["message"]))
+
+    def _tell_once(self, line: str) -> None:
+        if line not in self._told:
+            self._told.add(line)
+            self.tell(line)

@@ -38,6 +38,7 @@ from ..scheduler import Scheduler
 from .sysfs import BUS, device_files, device_properties, interface_files, interface_properties, node_name
 from .usb_bus import Peripheral
 from .usbfs import KernelDevice, UsbFile
+from .waiting import PreciseSelector
 
 __all__ = ["Machine", "MockUsb", "run_under_mock"]
 
@@ -50,7 +51,8 @@ ADDRESSES = range(2, 128)  # the bus's own hub would have 1
 
 LONGEST_WAIT_CYCLES = CORE_HZ // 100
 LONGEST_STEP_CYCLES = CORE_HZ // 4  # the most lost time that a slow or stopped machine catches up
-ANSWER_S = 10.0  # a program that waits for its ioctl sends its memory at once, unless it was stopped
+ANSWER_S = 2.0  # a program that waits for its ioctl sends its memory at once, unless it was stopped
+MOST_PROGRAMS = 64  # with one node open
 LISTEN_S = 0.1  # then a uevent is lost, as when the kernel's buffer is full
 
 _MESSAGE = struct.Struct("@LLL")  # its subject, and two arguments
@@ -138,7 +140,7 @@ class MockUsb:
     def __init__(self, machines: Iterable[Machine]) -> None:
         self._addresses = cycle(ADDRESSES)
         self._sequence = count(1)
-        self._selector = selectors.SelectSelector()  # the others round up to milliseconds
+        self._selector = PreciseSelector()
         self._directory = tempfile.TemporaryDirectory(prefix="phasewire-")
         self.root = Path(self._directory.name)
         for folder in (BUS_LINKS, f"dev/bus/usb/{BUS:03}", f"{SOCKETS}/bus/usb/{BUS:03}"):
@@ -313,7 +315,13 @@ class _Node:
 
     def _open(self) -> None:
         """A program opens it."""
-        connection, _ = self._socket.accept()
+        try:
+            connection, _ = self._socket.accept()
+        except OSError:  # no file is free for it, or it has gone
+            return
+        if len(self._programs) == MOST_PROGRAMS:
+            connection.close()
+            return
         program = _Program(connection, self.device.open(self._show))
         self._programs.add(program)
         self._bed.watch(connection, partial(self._serve, program))
@@ -373,10 +381,15 @@ class _Program:
         connection.settimeout(ANSWER_S)
         self.connection = connection
         self.file = file
+        self._began = b""
 
     def serve(self) -> None:
-        """Take one ioctl; raises `OSError` if the program is gone."""
-        kind, request, argument = _MESSAGE.unpack(self._receive(_MESSAGE.size))
+        """Take one ioctl, or its first bytes; raises `OSError` if the program is gone."""
+        self._began += self._receive(_MESSAGE.size - len(self._began), partly=True)
+        if len(self._began) < _MESSAGE.size:
+            return  # the devices do not wait for the rest
+        kind, request, argument = _MESSAGE.unpack(self._began)
+        self._began = b""
         if kind == _IOCTL:
             self.file.ioctl(request, argument, self, self._reply)
         else:
@@ -396,15 +409,20 @@ class _Program:
 
     def _reply(self, result: int) -> None:
         outcome = (result, 0) if result >= 0 else (_MINUS_ONE, -result)
+        self.connection.setblocking(False)  # a program waits for its only answer
         self._send(_MESSAGE.pack(_DONE, *outcome))
+        self.connection.settimeout(ANSWER_S)
 
     def _send(self, data: bytes) -> None:
-        with suppress(OSError):  # its departure is noticed at the next read
+        try:
             self.connection.sendall(data)
+        except OSError:  # it has gone, or reads nothing; the next read notices
+            with suppress(OSError):
+                self.connection.shutdown(socket.SHUT_RDWR)
 
-    def _receive(self, size: int) -> bytes:
+    def _receive(self, size: int, partly: bool = False) -> bytes:
         data = bytearray()
-        while len(data) < size:
+        while len(data) < size and not (data and partly):
             piece = self.connection.recv(size - len(data))
             if not piece:
                 raise ConnectionResetError("the program has closed its file")

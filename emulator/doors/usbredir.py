@@ -96,6 +96,11 @@ class UsbRedirSession(UsbConversation):
     ----------
     exported : Exported
         The device; no other client may hold it.
+
+    Attributes
+    ----------
+    greeted : bool
+        Whether the host's greeting has come.
     """
 
     def __init__(self, exported: Exported) -> None:
@@ -104,7 +109,7 @@ class UsbRedirSession(UsbConversation):
         exported.taken = True
         exported.station.conversations.append(self)
         self._scheduler = exported.station.scheduler
-        self._greeted = False
+        self.greeted = False
         self._generation = 0
         self._absent_since = self._scheduler.now
         self._transfers: dict[int, Transfer] = {}
@@ -122,7 +127,7 @@ class UsbRedirSession(UsbConversation):
     def presses(self) -> bool:
         """Whether some data are under way, so that time must pass at the fast pace too."""
         if self._bus is None:
-            return self._greeted and self._scheduler.now < self._absent_since + _LINGER_CYCLES
+            return self.greeted and self._scheduler.now < self._absent_since + _LINGER_CYCLES
         return self._bus.presses and not self.full
 
     def receive(self, data: bytes) -> None:
@@ -134,7 +139,7 @@ class UsbRedirSession(UsbConversation):
     def next_time(self, event: int | None) -> int | None:
         """The time of its next action, if no one else acts; the device's own is `event`."""
         if self._bus is None:
-            return event if self._greeted else None
+            return event if self.greeted else None
         return None if self.full else self._bus.next_time(event)
 
     def run(self) -> None:
@@ -146,7 +151,7 @@ class UsbRedirSession(UsbConversation):
 
     def _read(self) -> bool:
         """Carry out the next message, if it has arrived."""
-        header = _HEADER if self._greeted else _HELLO_HEADER
+        header = _HEADER if self.greeted else _HELLO_HEADER
         if len(self._received) < header.size:
             return False
         kind, length, number = header.unpack_from(self._received)
@@ -159,7 +164,7 @@ class UsbRedirSession(UsbConversation):
         data = bytes(memoryview(self._received)[header.size : end])
         del self._received[:end]
         try:
-            if self._greeted:
+            if self.greeted:
                 self._obey(kind, number, data)
             else:
                 self._greet(kind, data)
@@ -171,7 +176,7 @@ class UsbRedirSession(UsbConversation):
         known = int.from_bytes(data[64:68], "little")
         if kind != _Type.HELLO or known & _CAPS != _CAPS:
             self._leave(f"it began with message {kind} and capabilities {known:#x}; it needs those in {int(_CAPS):#x}")
-        self._greeted = True
+        self.greeted = True
 
     def _obey(self, kind: int, number: int, data: bytes) -> None:
         if self._bus is None or kind == _Type.FILTER_FILTER:
@@ -331,7 +336,7 @@ class UsbRedirSession(UsbConversation):
     def _check_attachment(self) -> None:
         """Tell the host whether the device is there; one that comes back at once was away too."""
         device = self._exported.device
-        if self.over or not self._greeted:
+        if self.over or not self.greeted:
             return
         if self._bus and not (device.attached and device.generation == self._generation):
             self._forget_all()

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import os
+import selectors
 import socket
+import struct
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -21,9 +25,11 @@ from phasewire.emulator.doors.serving import Server
 from phasewire.emulator.doors.station import Pace, Station
 from phasewire.emulator.doors.uart import Uart
 from phasewire.emulator.doors.usbip_session import Exported
+from phasewire.emulator.doors.waiting import PreciseSelector
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.protocol.requests import Setup
 
+from tests.attacks import ATTACKS, CROWD, attacked, garbage, half_open, no_files
 from tests.emulator.stand_ins import StandInDevice, StandInLine
 from tests.emulator.usbip_client import Client, client_on
 
@@ -48,6 +54,7 @@ class House:
         self.told: list[str] = []
         self.usbip = 0
         self.tcp = 0
+        self.usbredir = 0
         self.pty = ""
         self.error: BaseException | None = None
         self._pace, self._patient = pace, patient
@@ -56,7 +63,8 @@ class House:
 
     def _run(self) -> None:
         try:
-            asyncio.run(self._serve())
+            with asyncio.Runner(loop_factory=serving.precise_loop) as runner:
+                runner.run(self._serve())
         except BaseException as error:
             self.error = error
         finally:
@@ -79,6 +87,7 @@ class House:
                 Uart(partial(self.lines.__getitem__, number), each, 1_000_000) for number, each in enumerate(schedulers)
             ]
             self.tcp = await self.server.listen_serial(uarts[0], stations["S-1"], LOOPBACK, 0)
+            self.usbredir = await self.server.listen_usbredir(exports["1-2"], LOOPBACK, 0)
             self.pty = self.server.open_pty(uarts[1], stations["S-2"])
             self._open.set()
             await self.server.serve()
@@ -215,6 +224,89 @@ def test_a_wait_for_a_patient_device_counts_in_its_time_after_a_hold_up() -> Non
         waited = time.monotonic() - began
         client.write(0x01, b"done?")
     assert times[1] - times[0] >= waited
+
+
+def speak_usbip(house: House) -> bool:
+    with house.client() as client:
+        return [each.bus_id for each in client.list()] == ["1-1", "1-2"]
+
+
+def speak_serial(house: House) -> bool:
+    with closing(socket.create_connection((LOOPBACK, house.tcp), PATIENCE)) as line:
+        line.sendall(b"a")
+        return line.recv(1) == b"A"
+
+
+def speak_usbredir(house: House) -> bool:
+    with closing(socket.create_connection((LOOPBACK, house.usbredir), PATIENCE)) as line:
+        line.sendall(struct.pack("<III64sI", 0, 68, 0, b"a test", 0xFE))
+        return len(line.recv(1000)) > 79
+
+
+@pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.__name__)
+@pytest.mark.parametrize(
+    ("door", "speak"), [("usbip", speak_usbip), ("tcp", speak_serial), ("usbredir", speak_usbredir)]
+)
+def test_no_attack_on_a_door_ends_the_service_of_others(
+    door: str, speak: Callable[[House], bool], attack: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serving, "GREETING_SECONDS", 0.05)
+    monkeypatch.setattr("asyncio.constants.ACCEPT_RETRY_DELAY", 0.01)
+
+    def is_served() -> bool:
+        with suppress(EOFError, OSError):
+            return speak(house)
+        return False
+
+    with House(Pace.WALL) as house, house.client() as first:
+        assert first.attach("1-1") == 0
+        with attacked(attack, getattr(house, door)) as crowd:
+            assert first.write(0x01, b"still here").status == 0
+            if attack is no_files:
+                until(lambda: any("no further client" in line for line in house.told))
+            if attack is no_files or (door == "tcp" and attack in (half_open, garbage)):
+                crowd.close()  # a line is held by the one who speaks
+            until(is_served)
+            if door == "usbip":
+                until(lambda: len(house.server.links) < CROWD)
+        until(is_served)
+    assert house.error is None
+    assert sum("clients have requested nothing yet" in line for line in house.told) <= 1
+
+
+def test_a_silent_client_costs_no_buffer_and_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serving, "GREETING_SECONDS", 0.05)
+    with House(Pace.WALL) as house, house.client() as client:
+        until(lambda: house.server.links[1:])
+        assert getattr(house.server.links[1], "_buffer", b"") is None
+        with pytest.raises(EOFError):
+            client.receive(1)
+    assert any("was dropped: it requested nothing within 0.05 s" in line for line in house.told)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the numbers of files have this limit on Linux")
+def test_a_precise_wait_takes_any_number_of_files_and_ends_in_time() -> None:
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, 2000)), hard))
+    reads, writes = os.pipe()
+    try:
+        high = fcntl.fcntl(reads, fcntl.F_DUPFD, 1100)
+        with closing(PreciseSelector()) as selector:
+            selector.register(high, selectors.EVENT_READ)
+
+            def waits_exactly() -> bool:
+                began = time.monotonic()
+                assert selector.select(0.0002) == []
+                return 0.0002 <= time.monotonic() - began < 0.001  # never by epoll
+
+            until(waits_exactly)
+            os.write(writes, b"x")
+            assert [key.fd for key, _ in selector.select(PATIENCE)] == [high]
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        for number in (reads, writes, high):
+            os.close(number)
 
 
 class Moment:

@@ -9,8 +9,11 @@ import select
 import shutil
 import signal
 import socket
+import struct
+import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +25,8 @@ from phasewire.emulator.doors import umockdev
 from phasewire.emulator.doors.umockdev import MockUsb, PollFile, run_under_mock
 from phasewire.errors import DeviceNotFoundError
 from phasewire.protocol.enumeration import FULL_SPEED
+
+from tests.attacks import no_files
 
 COMPLAINT = re.compile("warning|unknown|unrecognized|invalid|junk|error|can.t|truncated", re.IGNORECASE)
 SECOND = 400_000_000  # core cycles
@@ -264,6 +269,54 @@ def test_a_program_gets_an_error_if_it_opens_a_device_that_leaves() -> None:
         assert not (bed.root / "dev/bus/usb/001/002").exists()
         with socket.socket(socket.AF_UNIX) as program:
             program.connect(str(bed.root / "ioctl/dev/bus/usb/001/002"))
+
+
+def many_silent(place: str, crowd: ExitStack) -> None:
+    for _ in range(2 * umockdev.MOST_PROGRAMS):
+        crowd.enter_context(socket.socket(socket.AF_UNIX)).connect(place)
+
+
+def half_an_ioctl(place: str, crowd: ExitStack) -> None:
+    program = crowd.enter_context(socket.socket(socket.AF_UNIX))
+    program.connect(place)
+    program.sendall(b"\1")
+
+
+def wrong_bytes(place: str, crowd: ExitStack) -> None:
+    program = crowd.enter_context(socket.socket(socket.AF_UNIX))
+    program.connect(place)
+    program.sendall(b"\xff" * 24 * 100)
+
+
+def no_file_left(place: str, crowd: ExitStack) -> None:
+    no_files(place, crowd)
+
+
+@pytest.mark.parametrize("attack", [many_silent, half_an_ioctl, wrong_bytes, no_file_left])
+def test_a_strange_program_holds_up_no_device(
+    attack: Callable[[str, ExitStack], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(umockdev, "ANSWER_S", 60.0)  # longer than this test lasts
+    machine = Emulator()
+
+    def serve(seconds: float) -> None:
+        """Until so much of the device's time has passed."""
+        with subprocess.Popen(["timeout", "20", "cat"], stdin=subprocess.PIPE) as child:
+            assert child.stdin
+            machine.scheduler.at(machine.scheduler.now + int(seconds * SECOND), child.stdin.close)
+            bed.serve(child.pid)
+            assert child.wait() == 0
+
+    with MockUsb([machine]) as bed, ExitStack() as crowd:
+        place = str(bed.root / "ioctl/dev/bus/usb/001/002")
+        machine.scheduler.at(machine.scheduler.now + SECOND // 100, lambda: attack(place, crowd))
+        serve(0.1)
+        crowd.close()
+        with socket.socket(socket.AF_UNIX) as program:
+            program.connect(place)
+            program.sendall(struct.pack("@LLL", 1, 0, 0))
+            serve(0.05)
+            assert struct.unpack("@LLL", program.recv(24))[0] == 3, "its ioctl is answered"
 
 
 def test_addresses_are_assigned_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:

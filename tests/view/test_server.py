@@ -21,6 +21,8 @@ from phasewire.view.server import PageServer, is_loopback
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from tests.attacks import ATTACKS, attacked, no_files
+
 from .pages import PATIENCE, Page, address, page_of
 
 
@@ -261,6 +263,34 @@ def test_a_cut_line_counts_as_gone(monkeypatch: pytest.MonkeyPatch) -> None:
         until(lambda: server.pages == 1)
         page.socket.protocol.receive_data = lambda data: None  # type: ignore[method-assign]
         assert heard.gone.wait(PATIENCE)
+
+
+@pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.__name__)
+def test_no_attack_ends_the_service_of_other_pages(
+    attack: Callable[..., None], monkeypatch: pytest.MonkeyPatch, served: tuple[PageServer, Heard]
+) -> None:
+    monkeypatch.setattr("asyncio.constants.ACCEPT_RETRY_DELAY", 0.01)
+    server, _ = served
+    with page_of(server.url) as first:
+        with attacked(attack, server._port) as crowd:
+            server.keep("news", encode("news", {}, {}))
+            until(lambda: bool(first.receive()))
+            if attack is no_files:
+                crowd.close()
+            with page_of(server.url) as second:
+                assert second.receive()["kind"] == "news"
+        assert get(server.url, "/").status == http.HTTPStatus.OK
+
+
+def test_silent_connections_end_and_pages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "PATIENCE_SECONDS", 0.1)
+    monkeypatch.setattr(module, "MOST_PAGES", 1)
+    with serving() as (server, _):
+        with socket.create_connection(("127.0.0.1", server._port), PATIENCE) as silent:
+            assert silent.recv(1) == b""
+        with page_of(server.url), pytest.raises(InvalidStatus) as refused, page_of(server.url):
+            pass
+    assert refused.value.response.status_code == http.HTTPStatus.SERVICE_UNAVAILABLE
 
 
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
