@@ -38,6 +38,10 @@ __all__ = ["commands"]
 
 EMULATOR, SIGROK, NONE = "emulator", "sigrok:", "none"
 LIST_FORMAT = "phasewire-conformance-matrix-1"
+NOTHING_SHOWN = (
+    "no case passed, so this run shows nothing about the device; choose more cases, or give what they need, such as "
+    "--capture or --allow"
+)
 OF_MUTANTS = ("mutants", "jobs", "thorough", "table", "json_target")
 
 commands = typer.Typer(rich_markup_mode=None)
@@ -238,8 +242,11 @@ def conformance(
         complain(message(error))
     if run.signal:
         raise typer.Exit(SIGNALLED + run.signal)
-    if not run.passed or unwritten:
-        raise typer.Exit(WRONG_USE if run.passed else FAILED)
+    shown = bool(run.count(Verdict.PASS))
+    if run.passed and not shown:
+        complain(NOTHING_SHOWN)
+    if not (run.passed and shown) or unwritten:
+        raise typer.Exit(WRONG_USE if run.passed and shown else FAILED)
 
 
 def _strictly(run: Run) -> Run:

@@ -40,6 +40,10 @@ USB_BYTES_PER_SECOND = PACKETS_PER_MICROFRAME * MICROFRAMES_PER_SECOND * BLOCK_B
 PEEK_BYTES = 1 << 16
 WRITE_SECONDS = 1.0
 """How long a port may take no bytes, beside the time that they need on the line."""
+HELD = (
+    "ends the connection at once: another client probably holds this line, which serves one at a time; close that one "
+    "first"
+)
 
 EXAMPLES = {
     "serial": "serial:///dev/ttyACM0 or, on Windows, serial:COM3",
@@ -114,34 +118,52 @@ def _check_address(url: str, scheme: str) -> None:
 
 
 def _disconnect(port: Any) -> None:
-    """Let go of a port's connection; pyserial forgets to where the other end has done so before."""
+    """Let go of a port's connection; pyserial forgets to where the other end has done so before.
+
+    A copy of the process that connected, by os.fork, closes its copy of the socket alone.
+    """
     if port.is_open:
-        with suppress(OSError):
-            port._socket.shutdown(socket.SHUT_RDWR)
+        if port.owner == os.getpid():
+            with suppress(OSError):
+                port._socket.shutdown(socket.SHUT_RDWR)
         port._socket.close()
 
 
 class Rfc2217Port(rfc2217.Serial):
     """pyserial's port by RFC 2217."""
 
+    refusal = HELD
+
+    def open(self) -> None:
+        """Connect."""
+        self.owner = os.getpid()
+        super().open()
+
     def close(self) -> None:
         """Disconnect."""
         _disconnect(self)
-        super().close()
+        if self.owner == os.getpid():
+            super().close()
+        self.is_open = False
 
 
 class SocketPort(protocol_socket.Serial):
     """pyserial's port over TCP, without what makes it slow: it waited to send, and told of one byte at a time."""
 
+    refusal = HELD
+
     def open(self) -> None:
         """Connect."""
+        self.owner = os.getpid()
         super().open()
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def close(self) -> None:
         """Disconnect."""
         _disconnect(self)
-        super().close()
+        if self.owner == os.getpid():
+            super().close()
+        self.is_open = False
 
     @property
     def in_waiting(self) -> int:

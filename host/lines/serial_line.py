@@ -3,7 +3,8 @@
 Which port, a real one or an emulated one, is the URL's scheme: an entry point in the group ``phasewire.serial_ports``,
 a function ``(url) -> port`` that is not yet open and bounds its writes. What pyserial does not know, a port may have as
 attributes: `time`, a `Timekeeper`, if its device does not live by the wall clock; `bytes_per_second`, if its baud
-rate means nothing; `product` and `serial_number` of the device at its other end.
+rate means nothing; `product` and `serial_number` of the device at its other end; `refusal`, what it means if the line
+ends before a byte has come.
 """
 
 from __future__ import annotations
@@ -54,7 +55,8 @@ PRODUCT = "phasewire array"
 ANSWER_SECONDS = 0.1
 """After what frames under way need, an answer is given up (clause SER-013) …"""
 ATTEMPTS = 4
-"""… and asked for again, with twice the patience each time, for a network or this program may be slow."""
+"""… and asked for again, with twice the patience each time, for a network or this program may be slow. A line that has
+fallen silent is noticed within 2 s, if its baud rate is 115 200 or more."""
 UNDER_WAY_BYTES = 2 * MAX_FRAME_BYTES
 """At most stands before an answer, and is the answer: what the device was sending, the answer, and a status record."""
 BUSY_SECONDS = 0.1
@@ -263,7 +265,13 @@ class SerialTransport:
 
     def _enter(self) -> None:
         """Go over to frames, whatever the line carries now (clause SER-010)."""
-        if not any(self._try_to_enter(attempt) for attempt in range(ATTEMPTS)):
+        try:
+            answers = any(self._try_to_enter(attempt) for attempt in range(ATTEMPTS))
+        except DeviceLostError as error:
+            if self._heard or not (refusal := getattr(self._port, "refusal", "")):
+                raise
+            raise DeviceAccessError(f"{self.name} {refusal}") from error
+        if not answers:
             what = "what comes from there makes no sense" if self._heard else "nothing comes from there"
             raise DeviceTimeoutError(
                 f"no device answers at {self.name}: {what}. Is a device of phasewire connected and switched on, and is "
@@ -325,7 +333,7 @@ class SerialTransport:
     def _patience(self, attempt: int) -> float:
         """How long to wait for an answer, in seconds (clause SER-013)."""
         under_way = self._unanswered + UNDER_WAY_BYTES
-        return (ANSWER_SECONDS + under_way / self._bytes_per_second) * 2.0**attempt
+        return ANSWER_SECONDS * 2.0**attempt + under_way / self._bytes_per_second
 
     def _send(self, doing: str, frame: SerialFrame) -> None:
         """Send a frame after a zero, which ends what may be left of another, and the console (SER-005, SER-010)."""

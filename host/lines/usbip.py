@@ -17,6 +17,7 @@ without an interface of ours are never attached. A reset is what Linux sends aft
 from __future__ import annotations
 
 import errno
+import os
 import re
 from array import array
 from collections.abc import Iterator
@@ -154,6 +155,8 @@ class UsbIpHandle(BusHandle[UsbIpDevice]):
 _attached = WeakValueDictionary[tuple[str, int, str], UsbIpDevice]()
 """All that this process has attached, by host, port and bus id: the state of a kernel."""
 _attaching = RLock()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_attached.clear)  # its connections belong to the process that made them
 
 
 class UsbIpBackend(Bus[UsbIpHandle]):

@@ -8,6 +8,7 @@ operations of built-in types, so that an interrupted caller holds no lock that t
 from __future__ import annotations
 
 import errno
+import os
 import socket
 import time
 from collections.abc import Callable, Iterable
@@ -44,8 +45,9 @@ Reply = TypeVar("Reply")
 
 SERVER_SECONDS = 10.0
 """For a server to connect and to answer a request."""
-END_SECONDS = 10.0
-"""For cancelled transfers to end; a server that needs longer is disconnected."""
+END_SECONDS = 1.0
+"""For cancelled transfers to end; a server that needs longer is disconnected. So one that has fallen silent is noticed
+within 2 s: a request may take one (`usb_find.REQUEST_MS`)."""
 CHUNK_BYTES = 1 << 17
 MOST_REPLY_BYTES = 1 << 20
 
@@ -239,7 +241,7 @@ class UsbIpLink:
         self.over = Event()
         for work in ((_receive, line, self._under_way, self.over, self._outgoing), (_send, line, self._outgoing)):
             Thread(target=work[0], args=work[1:], name="phasewire usbip", daemon=True).start()
-        self.close = finalize(self, _hang_up, line)
+        self.close = finalize(self, _hang_up, line, os.getpid())
 
     def submit(self, urb: Urb) -> None:
         """Begin a transfer; raises `USBError` as `Urb.submit`."""
@@ -343,6 +345,8 @@ def _end_one(came: bytearray, under_way: dict[int, Urb]) -> bool:
     return True
 
 
-def _hang_up(line: socket.socket) -> None:
+def _hang_up(line: socket.socket, owner: int) -> None:
+    if os.getpid() != owner:
+        return  # a copy of this process by os.fork, which shares the connection
     with suppress(OSError):
         line.shutdown(socket.SHUT_RDWR)

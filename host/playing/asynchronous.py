@@ -9,7 +9,7 @@ the end of the ``async with`` statement is completed.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterable, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterable, Awaitable, Callable, Coroutine, Generator, Iterator
 from concurrent import futures
 from concurrent.futures import Future
 from contextlib import suppress
@@ -17,7 +17,7 @@ from contextvars import copy_context
 from functools import partial, wraps
 from threading import Thread
 from types import TracebackType
-from typing import Concatenate, ParamSpec, Self, TypeVar
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 from ...errors import DeviceError
 from ...protocol.replies import Info
@@ -69,13 +69,43 @@ async def _to_the_end(future: Future[R]) -> R:
     return waited.result()
 
 
-async def open_device_async(
+class _Opening(Coroutine[Any, Any, "AsyncDevice"]):
+    """A device that is being opened: a coroutine, or what an ``async with`` statement enters."""
+
+    def __init__(self, opening: Coroutine[Any, Any, AsyncDevice]) -> None:
+        self._opening = opening
+
+    def send(self, value: Any, /) -> Any:
+        return self._opening.send(value)
+
+    def throw(self, *error: Any) -> Any:
+        return self._opening.throw(*error)
+
+    def close(self) -> None:
+        self._opening.close()
+
+    def __await__(self) -> Generator[Any, Any, AsyncDevice]:
+        return self._opening.__await__()
+
+    async def __aenter__(self) -> AsyncDevice:
+        self._device = await self._opening
+        return await self._device.__aenter__()
+
+    async def __aexit__(self, *error: Any) -> None:
+        await self._device.__aexit__(*error)
+
+
+def open_device_async(
     url: str | None = None, *, calibration: Calibration | None = None, observe: bool = False
-) -> AsyncDevice:
-    """Open a device as `open_device` does; use it in an ``async with`` statement.
+) -> _Opening:
+    """Open a device as `open_device` does: ``async with open_device_async(url) as device``, or with ``await``.
 
     If the task is cancelled meanwhile, the device is closed again before this returns.
     """
+    return _Opening(_open(url, calibration, observe))
+
+
+async def _open(url: str | None, calibration: Calibration | None, observe: bool) -> AsyncDevice:
     opening = _on_thread(partial(open_device, url, calibration=calibration, observe=observe))
     try:
         return AsyncDevice(await asyncio.wrap_future(opening))

@@ -186,6 +186,8 @@ class Device:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._stops += 1
+        if self._session.foreign:
+            return
         with self._session.lock:  # so that no other call plays between the two
             try:
                 if not (self._observe or self._session.closed):
@@ -205,9 +207,10 @@ class Device:
 
         A stream, or a call that a signal's handler has interrupted, ends in a `DeviceError`, with outputs off.
         """
-        with self._session.lock as interrupted:
-            if self._streaming and not interrupted:
-                self._silence_after_failure()
+        if not self._session.foreign:
+            with self._session.lock as interrupted:
+                if self._streaming and not interrupted:
+                    self._silence_after_failure()
         self._session.close()
 
     # Its description and state
@@ -492,8 +495,9 @@ class Device:
             A frame is taken from an iterable when it is due, not before.
         rate : float
             Frames per second, at most `info.max_updates_per_second`.
-        How long before its period a frame is sent, in seconds, if the device's queue allows that. More bridges longer
-        gaps of the source or the host, less lets a live source react sooner.
+        look_ahead : float
+            How long before its period a frame is sent, in seconds, if the device's queue allows that. More bridges
+            longer gaps of the source or the host, less lets a live source react sooner.
         envelope : Envelope, optional
             A modulation of the frames, as by `modulate`: `sine(200)` makes them perceptible.
         reconnect : bool

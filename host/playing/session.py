@@ -6,6 +6,7 @@ block. The purpose of the blocks is its callers' business.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from math import ceil
@@ -81,6 +82,7 @@ class Session:
         self._line = transport
         self.closed = False
         self._lock = RLock()
+        self._owner = os.getpid()
         self._depth = 0
         self._begun = self._closing = False
         self._ledger = Ledger(transport.lossy)
@@ -95,8 +97,17 @@ class Session:
         """
         return self._turn()
 
+    @property
+    def foreign(self) -> bool:
+        """Whether another process has opened it, which os.fork has copied: the device is that one's alone."""
+        return os.getpid() != self._owner
+
     @contextmanager
     def _turn(self) -> Iterator[bool]:
+        if self.foreign:  # its lock may be held by a thread that was not copied
+            raise DeviceError(
+                f"{self.name} was opened by process {self._owner}, which has forked this one; open it in this process"
+            )
         with self._lock:
             before = self._depth
             self._depth += 1
@@ -161,8 +172,12 @@ class Session:
         """Close the line.
 
         If this thread is in the middle of a call, as when a signal's handler requests this, that call still needs the
-        line: its remaining steps fail, then the outputs are turned off, and then the line is closed.
+        line: its remaining steps fail, then the outputs are turned off, and then the line is closed. A copy of the
+        process by os.fork leaves it to the other.
         """
+        if self.foreign:
+            self.closed = True
+            return
         with self._lock:
             if self._depth:
                 self._closing = True

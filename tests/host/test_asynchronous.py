@@ -94,6 +94,16 @@ async def test_awaited_results_are_those_of_the_device(emulator: Emulator) -> No
 
 
 @awaited
+async def test_a_device_is_opened_by_async_with_alone_or_by_await(emulator: Emulator) -> None:
+    async with open_device_async(emulator.url) as device:
+        await device.show(FULL)
+        assert emulator.running.status().enabled
+    assert not emulator.running.status().enabled
+    async with await asyncio.create_task(open_device_async(emulator.url)) as device:
+        assert device.serial == emulator.serial
+
+
+@awaited
 async def test_errors_come_through() -> None:
     with pytest.raises(DeviceNotFoundError):
         await open_device_async("nonsense:")

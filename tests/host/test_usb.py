@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import ctypes
 import dataclasses
 import errno
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
 
+import libusb_package
 import pytest
 import usb.core
 from phasewire import Emulator, Pulses, open_device
@@ -20,6 +24,7 @@ from phasewire.errors import (
     DeviceStalledError,
     DeviceTimeoutError,
 )
+from phasewire.host.lines import libusb
 from phasewire.host.lines.usb import UsbTransport, open_usb
 from phasewire.protocol import Ack, Info, NoOp, Reason, State, Status, pack
 from phasewire.protocol.blocks import Block
@@ -43,10 +48,32 @@ def test_a_usb_url_has_no_options() -> None:
         open_device("usb:?link=5wire")
 
 
-def test_libusb_that_cannot_be_loaded_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("there", [True, False])
+@pytest.mark.parametrize(
+    ("library", "told"),
+    [
+        (None, "libusb could not be loaded on this system: no such library"),
+        (-99, r"libusb could not be started: LIBUSB_ERROR_OTHER \(-99\)"),
+        (-3, r"libusb could not be started: LIBUSB_ERROR_ACCESS \(-3\)"),
+    ],
+)
+def test_libusb_that_cannot_be_loaded_or_started_is_an_error(
+    library: int | None, told: str, there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("libusb_package.get_libusb1_backend", lambda: None)
-    with pytest.raises(DeviceNotFoundError, match="libusb could not be loaded"):
+    monkeypatch.setattr(libusb, "BUS", tmp_path if there else tmp_path / "bus")
+    real = ctypes.CDLL(str(libusb_package.get_library_path()))
+
+    def load(_path: str) -> object:
+        if library is None:
+            raise OSError("no such library")
+        return SimpleNamespace(libusb_init=lambda _context: library, libusb_error_name=real.libusb_error_name)
+
+    monkeypatch.setattr(libusb, "CDLL", load)
+    with pytest.raises(DeviceNotFoundError, match=told) as error:
         open_device("usb:")
+    if library is not None:
+        assert ("allow this program" if there else "start that with `--device") in str(error.value)
 
 
 @pytest.mark.parametrize(
