@@ -11,9 +11,11 @@ from typing import Annotated, Any
 
 import typer
 from rich.cells import cell_len
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 
+from ..protocol.plain import visible
 from ..storage import write_file
 
 __all__ = ["JsonOption", "among", "console_for", "error_console", "given", "print_list", "write_json"]
@@ -40,6 +42,11 @@ def console_for(json_target: str | None) -> Console:
 
 
 class _Console(Console):
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """All that is printed passes here, as texts and codes of this program's own."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=visible(segment.text))
+
     def on_broken_pipe(self) -> None:  # rich would end the program by itself
         raise BrokenPipeError("nobody reads the output")
 

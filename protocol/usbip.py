@@ -67,6 +67,7 @@ ANSWER_BYTES = _COMMAND.size + _SUBMITTED_REST.size
 """The length of an answer to a command, without the data after it."""
 _DIRECTION_IN = 1
 _HIGHEST_ENDPOINT = 15
+_MOST_NUMBER = 0xFFFF
 _SHORT_NOT_OK, _ZERO_PACKET = 0x0001, 0x0040  # flags of a transfer
 _NOT_ISOCHRONOUS = (0, 0xFFFF_FFFF)  # numbers of packets; the kernel sends the first, its document says the second
 
@@ -377,7 +378,7 @@ def encode_request(request: Listing | Importing) -> bytes:
 
 
 def read_list(buffer: bytes | bytearray) -> tuple[list[Offer], int] | None:
-    """Read the answer to `Listing`; raises `ValueError` if the bytes are not one."""
+    """Read the answer to `Listing`; raises `ValueError` if the bytes are not one, or name a device out of range."""
     if not _is_reply(buffer, _REPLY_LIST) or len(buffer) < _REQUEST_HEADER.size + 4:
         return None
     (count,) = struct.unpack_from(">I", buffer, _REQUEST_HEADER.size)
@@ -441,4 +442,6 @@ def _read_device(buffer: bytes | bytearray, at: int) -> tuple[Offer, int]:
     """A device, and its number of interfaces."""
     _, bus_id, bus, number, speed, vendor, product, *_, interfaces = _DEVICE.unpack_from(buffer, at)
     name = bus_id.partition(b"\0")[0].decode("ascii", "replace")
+    if max(bus, number) > _MOST_NUMBER:  # they share 32 bits in commands
+        raise ValueError(f"a device with bus {bus} and number {number}; both go to {_MOST_NUMBER}")
     return Offer(name, bus, number, speed, vendor, product), interfaces

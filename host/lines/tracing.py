@@ -18,6 +18,7 @@ from ...errors import DeviceError, ReplyError
 from ...protocol.blocks import header_fields
 from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, STATUS_MAGIC, Kind, Request
 from ...protocol.describe import Description, describe_block, describe_record, describe_request
+from ...protocol.plain import visible
 from ...protocol.replies import Ack, Status
 from ...protocol.replies import records as decode_records
 from ...protocol.requests import Setup
@@ -68,7 +69,7 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a line."""
-        sys.stderr.write(f"{record.getMessage()}\n")
+        sys.stderr.write(f"{visible(record.getMessage())}\n")
 
 
 _lines = _Lines()

@@ -255,23 +255,23 @@ def test_no_attack_on_a_door_ends_the_service_of_others(
 
     def is_served() -> bool:
         with suppress(EOFError, OSError):
-            return speak(house)
+            return speak(served)
         return False
 
-    with House(Pace.WALL) as house, house.client() as first:
+    with House(Pace.WALL) as served, served.client() as first:
         assert first.attach("1-1") == 0
-        with attacked(attack, getattr(house, door)) as crowd:
+        with attacked(attack, getattr(served, door)) as crowd:
             assert first.write(0x01, b"still here").status == 0
             if attack is no_files:
-                until(lambda: any("no further client" in line for line in house.told))
+                until(lambda: any("no further client" in line for line in served.told))
             if attack is no_files or (door == "tcp" and attack in (half_open, garbage)):
                 crowd.close()  # a line is held by the one who speaks
             until(is_served)
             if door == "usbip":
-                until(lambda: len(house.server.links) < CROWD)
+                until(lambda: len(served.server.links) < CROWD)
         until(is_served)
-    assert house.error is None
-    assert sum("clients have requested nothing yet" in line for line in house.told) <= 1
+    assert served.error is None
+    assert sum("clients have requested nothing yet" in line for line in served.told) <= 1
 
 
 def test_a_silent_client_costs_no_buffer_and_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:

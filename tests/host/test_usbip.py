@@ -11,7 +11,7 @@ import threading
 import time
 from array import array
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -21,7 +21,7 @@ import usb.core
 import usb.util
 from phasewire import Emulator, Pulses, open_device
 from phasewire.emulator.doors.station import Pace
-from phasewire.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError, DeviceUrlError
+from phasewire.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError, DeviceUrlError
 from phasewire.host.firmware.flashing import find_flashable, flash, revert
 from phasewire.host.firmware.images import read_firmware
 from phasewire.host.lines import usbip_link
@@ -472,6 +472,53 @@ def test_an_exception_in_a_transfer_cancels_it(device: usb.core.Device) -> None:
 
 
 # The order of answers, from a scripted server
+
+
+FIELDS = ("bus", "number", "speed", "vendor", "product", "version", "class", "subclass", "protocol", "configuration",
+          "configurations", "interfaces")  # fmt: skip
+USUAL = (1, 2, 3, 0x1209, 1, 0, 0, 0, 0, 1, 1, 1)
+MOST = (2**32 - 1,) * 3 + (2**16 - 1,) * 3 + (255,) * 6
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        *((name, value) for name, most in zip(FIELDS, MOST, strict=True) for value in (0, most)),
+        ("bus", 65_536),
+        ("number", 65_536),
+        ("bus_id", b""),
+        ("bus_id", b"\xff" * 32),
+        ("bus_id", b"1-" + b"9" * 30),
+        ("count", 0),
+        ("count", 2**32 - 1),
+    ],
+)
+def test_no_field_of_a_server_s_answers_is_more_than_an_error(field: str, value: Any) -> None:
+    numbers = [value if name == field else usual for name, usual in zip(FIELDS, USUAL, strict=True)]
+    bus_id = value if field == "bus_id" else b"1-2"
+    device = struct.pack(">256s32sIIIHHHBBBBBB", b"", bus_id, *numbers)
+    interfaces = b"\xff\x50\x01\0" * numbers[-1]
+    answers = {
+        0x8005: struct.pack(">HHII", 0x0111, 5, 0, value if field == "count" else 1) + device + interfaces,
+        0x8003: struct.pack(">HHI", 0x0111, 3, 0) + device,
+    }
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def serve() -> None:
+            with suppress(OSError):
+                while True:
+                    line, _ = listener.accept()
+                    with line:
+                        line.sendall(answers.get(struct.unpack(">HHI", line.recv(8))[1], b""))
+                        line.shutdown(socket.SHUT_WR)
+                        line.recv(1000)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        with pytest.raises(DeviceError):
+            open_device(f"usbip:127.0.0.1:{listener.getsockname()[1]}")
+        listener.shutdown(socket.SHUT_RDWR)
+        thread.join(PATIENCE)
 
 
 class Script:
