@@ -60,6 +60,8 @@ fallen silent is noticed within 2 s, if its baud rate is 115 200 or more."""
 UNDER_WAY_BYTES = 2 * MAX_FRAME_BYTES
 """At most stands before an answer, and is the answer: what the device was sending, the answer, and a status record."""
 BUSY_SECONDS = 0.1
+MOST_NOTED, LEAST_NOTED = 256, 12
+"""How many of the first bytes of a line are kept, and how many can show how it garbles."""
 LEAST_BLOCKS = 2
 """How many blocks keep a line busy while the first is answered."""
 READ_SECONDS = 0.001
@@ -122,6 +124,17 @@ def refused(name: str, error: Exception) -> DeviceError:
     if number in (errno.EBUSY, errno.EAGAIN):
         return DeviceAccessError(f"{name} is in use: another program has it open; close that first")
     return DeviceNotFoundError(f"no device at {name}: {error}")
+
+
+def garbling(sent: bytes | bytearray, came: bytes | bytearray) -> str:
+    """How a line garbles, as its first bytes show it; empty if they do not."""
+    came = came.lstrip(DELIMITER)
+    if len(came) >= LEAST_NOTED and came[:LEAST_NOTED] in sent:
+        return "the line sends back what is sent to it: it is a loop, or the other end echoes"
+    pairs = len(came) // 2
+    if len(came) >= LEAST_NOTED and came[: 2 * pairs : 2] == came[1 : 2 * pairs : 2]:
+        return "each byte comes twice"
+    return ""
 
 
 class SerialTransport:
@@ -249,6 +262,7 @@ class SerialTransport:
         self._settled = False
         self._heard = False
         self._unanswered = 0
+        self._sent, self._came = bytearray(), bytearray()  # the first of each, to tell how a line garbles
         self.damaged = 0
 
     def _open(self) -> None:
@@ -272,7 +286,9 @@ class SerialTransport:
                 raise
             raise DeviceAccessError(f"{self.name} {refusal}") from error
         if not answers:
-            what = "what comes from there makes no sense" if self._heard else "nothing comes from there"
+            what = "nothing comes from there"
+            if self._heard:
+                what = garbling(self._sent, self._came) or "what comes from there makes no sense"
             raise DeviceTimeoutError(
                 f"no device answers at {self.name}: {what}. Is a device of phasewire connected and switched on, and is "
                 f"{self._port.baudrate} its baud rate?"
@@ -306,9 +322,10 @@ class SerialTransport:
                 )
             if reply:
                 return reply.data
+        garbled = garbling(self._sent, self._came)
         raise DeviceTimeoutError(
             f"{doing}: {self.name} does not answer. Is it still connected and switched on? {self.damaged} of its "
-            "frames came damaged"
+            f"frames came damaged{garbled and f'; {garbled}'}"
         )
 
     def _exchange(self, doing: str, request: SerialRequest, attempt: int) -> SerialReply | None:
@@ -342,6 +359,7 @@ class SerialTransport:
         self._write(doing, data)
 
     def _write(self, doing: str, data: bytes) -> None:
+        self._sent += data[: MOST_NOTED - len(self._sent)]
         with translated(doing):
             self._port.write(data)
 
@@ -356,6 +374,7 @@ class SerialTransport:
                 waiting = self._port.in_waiting
                 data = self._port.read(max(waiting, 1)) if waiting or not late else b""
             self._heard = self._heard or bool(data)
+            self._came += data[: MOST_NOTED - len(self._came)]
             for event in self._incoming.feed(data):
                 self._take(event)
             if late:

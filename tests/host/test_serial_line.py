@@ -31,7 +31,7 @@ from phasewire.protocol.codes import Fault, FrameKind, Outcome, Request, State
 from phasewire.protocol.framing import SerialReply
 
 from tests.from_spec import BLOCK_FRAME, REQUEST_FRAME, TO_DEVICE, encode_frame, read_line, read_request
-from tests.host.serial_bench import BenchPort, Clock, HandMade, ack
+from tests.host.serial_bench import BenchPort, Clock, Damage, HandMade, ack
 from tests.specification import hex_examples
 
 CONSOLE = bytes.fromhex("06 05 02 1b 68 a2 00")  # the vector frame-console
@@ -159,8 +159,24 @@ def test_another_program_at_the_other_end_is_rejected_in_time(port: BenchPort, j
 
 def test_a_line_that_echoes_is_no_device(port: BenchPort) -> None:
     port.to_device = lambda data: port.pending.extend(data) or b""  # type: ignore[func-returns-value]
-    with pytest.raises(DeviceTimeoutError, match=r"asking for INFO: /dev/bench does not answer.* 4 of its frames"):
+    with pytest.raises(DeviceTimeoutError, match=r"INFO: /dev/bench does not answer.* 4 of its frames.*sends back"):
         SerialTransport(port)
+
+
+@pytest.mark.parametrize(
+    ("way", "told"),
+    [
+        (lambda data: bytes(each for byte in data for each in (byte, byte)), "each byte comes twice"),
+        (lambda data: data[::2], "what comes from there makes no sense|frames came damaged"),
+        (lambda data: data[::-1], "what comes from there makes no sense|frames came damaged"),
+    ],
+    ids=["doubled", "lost", "reversed"],
+)
+def test_a_line_that_garbles_is_named_and_given_up_in_time(port: BenchPort, way: Damage, told: str) -> None:
+    port.to_host = lambda data: way(data) if len(data) > 1 else way(CONSOLE + data)
+    with pytest.raises(DeviceTimeoutError, match=told):
+        SerialTransport(port)
+    assert port.time.now < 5
 
 
 def test_an_info_that_breaks_the_protocol_is_no_device(port: BenchPort) -> None:
