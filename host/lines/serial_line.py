@@ -288,7 +288,8 @@ class SerialTransport:
         if not answers:
             what = "nothing comes from there"
             if self._heard:
-                what = garbling(self._sent, self._came) or "what comes from there makes no sense"
+                what = "what comes from there makes no sense: "
+                what += garbling(self._sent, self._came) or "the line may lose, double or change bytes"
             raise DeviceTimeoutError(
                 f"no device answers at {self.name}: {what}. Is a device of phasewire connected and switched on, and is "
                 f"{self._port.baudrate} its baud rate?"
