@@ -26,10 +26,12 @@
 
 ``InputFileError``, ``BlockError``, ``ReplyError``, ``FrameError``, ``CommandError``, ``ChainError`` and ``ImageError``
 are also ``ValueError``, because they concern a value.
-This module stands below every other one and may import none of them.
+`visible` shows any text safely. This module stands below every other one and may import none of them.
 """
 
 from __future__ import annotations
+
+import re
 
 __all__ = [
     "BenchError",
@@ -56,7 +58,18 @@ __all__ = [
     "TrackerError",
     "TrackerLostError",
     "TrackerNotFoundError",
+    "visible",
 ]
+
+_UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff]")
+
+
+def visible(text: str) -> str:
+    """A text for a terminal: what would steer it, or turn the direction of writing, as an escape sequence of Python.
+
+    Texts of peers and files may contain anything. Tabs and ends of lines stay.
+    """
+    return _UNSEEN.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
 class PhasewireError(Exception):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import is_dataclass
 from enum import Enum, IntFlag
@@ -13,17 +12,7 @@ import numpy as np
 
 from .pulses import Pulses
 
-__all__ = ["flag_names", "plain", "runs", "visible"]
-
-_UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff]")
-
-
-def visible(text: str) -> str:
-    """A text for a terminal: what would steer it, or turn the direction of writing, as an escape sequence of Python.
-
-    Texts of peers and files may contain anything. Tabs and ends of lines stay.
-    """
-    return _UNSEEN.sub(lambda match: ascii(match[0])[1:-1], text)
+__all__ = ["flag_names", "plain", "runs"]
 
 
 def flag_names(flags: IntFlag) -> str:

@@ -14,11 +14,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from ...errors import DeviceError, ReplyError
+from ...errors import DeviceError, ReplyError, visible
 from ...protocol.blocks import header_fields
 from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, STATUS_MAGIC, Kind, Request
 from ...protocol.describe import Description, describe_block, describe_record, describe_request
-from ...protocol.plain import visible
 from ...protocol.replies import Ack, Status
 from ...protocol.replies import records as decode_records
 from ...protocol.requests import Setup
