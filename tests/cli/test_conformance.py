@@ -127,6 +127,15 @@ def test_strict_fails_only_for_inconclusive_cases_and_warnings(
     assert json.loads(Path("c.json").read_text())["trouble"] == [f"--strict: {words}"]
 
 
+@pytest.mark.parametrize("verdict", [None, Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE, Verdict.WARN])
+def test_a_run_without_a_pass_fails(phasewire: Phasewire, suite: Suite, verdict: Verdict | None) -> None:
+    results = (replace(CLEAN.results[0], verdict=verdict, reason="so"),) if verdict else ()
+    suite.run = replace(CLEAN, results=results)
+    outcome = phasewire()
+    assert (outcome.code, outcome.out.splitlines()[-1][:13]) == (1, "NOTHING SHOWN")
+    assert "no case passed, so this run shows nothing about the device" in outcome.err
+
+
 def test_reports_are_written_whether_it_passes_or_not(phasewire: Phasewire, suite: Suite) -> None:
     suite.run = EVERY
     assert phasewire("--html", "c.html", "--junit", "c.xml", "--json", "c.json").code == 1
