@@ -119,7 +119,7 @@ FILE ({", ".join(MESH_FILES)}):scale=METRES,open=no
     scale is in its unit: 0.001 for millimetres; open=yes takes a surface with holes
 FILE (.npy, .npz, .nii, .nii.gz, .nrrd, .dcm), DICOMDIR or DICOM folder:
 level=VALUE,spacing=METRES,step=1,series=NAME
-    what is above the level in a volume; a larger step is coarser; series is one of several, by name or number
+    what is above the level in a volume; a larger step is coarser; series names one of several
 all: {written(Placement)}
     centre in m, degrees about the vertical, m/s, degrees per second"""
 
