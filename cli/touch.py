@@ -88,13 +88,14 @@ class _Best:
 
     def __init__(self) -> None:
         self.moment: TouchMoment | None = None
-        self._points = 0.0
+        self._points = -MAX_POINTS - 1
 
     def __call__(self, moment: TouchMoment) -> None:
-        """Consider the next moment."""
+        """Consider the next moment; a point that is not faded in counts against it, as the field lacks it."""
         if moment.cycle is None or moment.touch.points is None:
             return
-        points = float(moment.fading.levels.sum())
+        faded_in = moment.fading.levels == 1
+        points = int(np.where(faded_in, 1, -1).sum())
         if points > self._points:
             self.moment, self._points = moment, points
 

@@ -250,7 +250,6 @@ def _draw_plane(
     for number, arc in enumerate(touch.arcs):
         cut = np.where(near(arc)[:, None], flat(arc), np.nan)
         axes.plot(*cut.T, color=LIGHT, linewidth=0.8, label=None if number else "arcs")
-    axes.legend(loc="upper right", **ON_FIELD)
     at = touch.points.positions
     for kind, (_, colour, marker) in enumerate(kinds):
         mine = at[(louder == kind) & near(at)]
@@ -259,6 +258,7 @@ def _draw_plane(
     away = at[~near(at)]
     if len(away):
         axes.plot(*flat(away).T, "x", color="0.6", ms=6, label=f"points more than {IN_PLANE * MM:g} mm off the plane")
+    axes.legend(loc="upper right", **ON_FIELD)
     low, high = flat(grid.positions()[0, 0]), flat(grid.positions()[-1, -1])
     axes.set(title=_name_of(grid, len(fields)), xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
