@@ -32,7 +32,7 @@ BAD_ARRAYS = [None, "3", [10**400], [[float("nan")] * 3], ["3"]]
 
 MADE = re.compile(
     r"(Ack|Audible|Block|Capture|Check|Cluster|Cluster\.run|Cluster\.run_until|ControlPoints\.part|"
-    r"ControlPoints\.placed|ControlPoints\.trusted|Device|Drawn\.placed|EmittedWaves|Emulator|EndToEnd\.field|"
+    r"ControlPoints\.placed|ControlPoints\.trusted|Device|Device\.keep_playing|Drawn\.placed|EmittedWaves|Emulator|EndToEnd\.field|"
     r"EndToEnd\.pressures|Entry|Envelope|Event|Exposure|FeltMap|Field|Focus|FocusReport|Gain|HandFrame|Info|Info\.speaks|Lobe|"
     r"Method|Null|Outline|Pin|PlacedHands\.next_frame|PulseFrames|PulseFrames\.joined|Pulses\.trusted|"
     r"RadiatedPower|Recording\.read|ResidualTable|ResidualTable\.__call__|Resonator\.responses|RigDevice|RigRun|"
@@ -129,7 +129,6 @@ def _calls() -> dict[str, Call]:
         "Cycle.expanded": (cycle.expanded, {"periods": 8}),
         "Device.end_modulation": (_on_a_device("end_modulation"), {"period": 0}),
         "Device.identify": (_on_a_device("identify"), {"board": 0}),
-        "Device.keep_playing": (_on_a_device("keep_playing", "enable"), {"seconds": 0.01}),
         "Device.modulate": (_on_a_device("modulate"), {"samples": b"12", "hold": 1, "period": 0}),
         "Device.play": (_on_a_device("play"), {"steps": [(0, 1)], "repeats": 0, "unattended": False, "period": 0}),
         "Device.set_drive_limit": (_on_a_device("set_drive_limit"), {"transducers": 9}),

@@ -45,7 +45,7 @@ from .envelopes import Envelope
 from .frames import Frame, Frames, differences, frame_source, to_pulses
 from .lanes import Lane
 from .session import Session
-from .streaming import LOOK_AHEAD_SECONDS, MOST_SECONDS, Stream, StreamReport
+from .streaming import LOOK_AHEAD_SECONDS, Stream, StreamReport, time_to_play
 
 __all__ = ["Device", "lane_of", "open_device", "streaming"]
 
@@ -465,14 +465,14 @@ class Device:
         return self._play(Output(Action.SILENCE, period))
 
     def keep_playing(self, seconds: float) -> None:
-        """Let what plays go on for a time, with signs of life to the watchdog.
+        """Let what plays go on for a time, or without end if that is infinite, with signs of life to the watchdog.
 
         Raises
         ------
         DeviceRefusedError
             If the device has turned its outputs off meanwhile.
         """
-        end = self.time.monotonic() + real("seconds", seconds, 0, MOST_SECONDS, "s")
+        end = self.time.monotonic() + time_to_play(seconds)
         while (left := end - self.time.monotonic()) > 0:
             self.time.sleep(min(self._session.pause_seconds, left))
             self._session.check_enabled()

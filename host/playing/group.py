@@ -16,7 +16,7 @@ from warnings import warn
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import real, whole
+from ...arguments import whole
 from ...errors import DeviceError, DeviceRefusedError
 from ...protocol.board import CARRIER_HZ
 from ...protocol.codes import NOW, AckFlag, Reason
@@ -32,7 +32,7 @@ from .envelopes import Envelope
 from .frames import Frame, Frames, differences, frame_source, to_pulses
 from .lanes import naming
 from .rig import RigDevice, check_rig
-from .streaming import FIRST_READINGS, LOOK_AHEAD_SECONDS, MOST_SECONDS, Stream, StreamReport, most_blocks_per_second
+from .streaming import FIRST_READINGS, LOOK_AHEAD_SECONDS, Stream, StreamReport, most_blocks_per_second, time_to_play
 
 __all__ = ["AnyDevice", "DeviceGroup", "open_devices"]
 
@@ -266,7 +266,7 @@ class DeviceGroup:
         DeviceError
             If a device has lost the sync line.
         """
-        end = self.time.monotonic() + real("seconds", seconds, 0, MOST_SECONDS, "s")
+        end = self.time.monotonic() + time_to_play(seconds)
         while (left := end - self.time.monotonic()) > 0:
             self.time.sleep(min(left, *(lane.session.pause_seconds for lane in self._lanes)))
             for device, lane in zip(self.devices, self._lanes, strict=True):

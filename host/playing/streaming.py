@@ -17,7 +17,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
-from math import ceil, floor
+from math import ceil, floor, inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from .frames import FrameSource, checked_rate
 from .lanes import ACCEPTED, DAMAGED, LANE_COUNTS, LATE, NEVER, NO_FAULTS, POSTED_PERIODS, Lane, naming
 from .session import Session
 
-__all__ = ["FIRST_READINGS", "LOOK_AHEAD_SECONDS", "Stream", "StreamReport", "most_blocks_per_second"]
+__all__ = ["FIRST_READINGS", "LOOK_AHEAD_SECONDS", "Stream", "StreamReport", "most_blocks_per_second", "time_to_play"]
 
 LOOK_AHEAD_SECONDS = 0.01
 MOST_SECONDS = 1e8
@@ -147,12 +147,17 @@ class StreamReport:
         return ", ".join(parts)
 
 
+def time_to_play(seconds: float) -> float:
+    """A time to play in seconds, checked; infinity is until it is interrupted."""
+    return inf if seconds == inf else real("seconds", seconds, 0, MOST_SECONDS, "s")
+
+
 def most_blocks_per_second(sessions: Sequence[Session]) -> float:
     """What the lines to several devices can carry of one frame for all.
 
     Lines that do not carry blocks by themselves are used one after the other, unless each keeps a time of its own.
     """
-    most = float("inf")
+    most = inf
     for _, those in groupby(sorted(sessions, key=lambda each: id(each.time)), key=lambda each: id(each.time)):
         lines = [session.line() for session in those]
         waiting = sum(1 / line.most_blocks_per_second for line in lines if not line.posts)

@@ -223,6 +223,9 @@ def test_what_plays_is_kept_playing(emulator: Emulator) -> None:
     with open_device(emulator.url) as device:
         device.show(FULL)
         begun = device.time.monotonic()
+        for wrong in (float("nan"), -1, None, 10**400):
+            with pytest.raises(ValueError, match=r"seconds .* must be"):
+                device.keep_playing(wrong)  # type: ignore[arg-type]  # on purpose
         device.keep_playing(0.5)
         assert device.time.monotonic() - begun == pytest.approx(0.5, abs=0.01)
         assert sounding(emulator) == 320
