@@ -25,6 +25,7 @@ BY_THE_CLOCK = ("pulses", "sorting", "outputs", "timing", "safety", "sequences",
 
 ON_ANY_LINE = (
     "needs a second device",
+    "needs a sync line that another device can drive",
     "the device has been on for too short a time",
     "only at full speed can",
     "this applies to",
