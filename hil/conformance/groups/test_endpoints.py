@@ -14,7 +14,7 @@ from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.dfu import RawDfuLine
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.player import soon
-from phasewire.hil.conformance.tools.watchdog import await_firing, patience
+from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.hil.traffic import Traffic
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
@@ -956,9 +956,11 @@ def test_a_console_that_is_not_read_holds_up_nothing(bench: Bench) -> None:
     expect("the state", bench.status().state, State.PLAYING)
     bench.listen()
     bench.unasked.clear()
-    bench.order(Request.WATCHDOG, patience(bench))
+    sign = bench.status().now
+    bench.order(Request.WATCHDOG, ms := patience(bench))
     alive = bench.status().now
-    await_firing(bench, alive, alive, patience(bench))
+    check_not_yet(bench, sign + ms * TICKS_PER_MS, alive)
+    await_firing(bench, alive, alive, ms)
     bench.enable()
     set_dtr(bench, 0)
     expect("the state once DTR is low", bench.status().state, State.READY)

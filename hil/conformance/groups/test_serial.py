@@ -796,6 +796,7 @@ def test_a_block_that_waited_is_a_sign_of_life_when_it_is_judged(bench: Bench, f
     """The watchdog counts from the tick in which a block that waited is judged, which is later than its arrival."""
     first = fill(bench, frames, 1.5 * bench.slowness)[0].commit_period
     bench.wait_until(first - round(CARRIER_HZ * 0.75 * bench.slowness))
+    bench.status()  # a sign of life: the queue of a far line is full for longer than the watchdog's time
     order(frames, Request.WATCHDOG, ms := 5000 * bench.slowness)
     block = no_op(bench)
     frames.write(b"\0" + frame(BLOCK, block))
