@@ -943,26 +943,28 @@ def test_a_console_that_is_not_read_holds_up_nothing(bench: Bench) -> None:
         type_in(bench, command)
         bench.outlast(COMMAND_SECONDS)
         expect(f"the state after {command!r}, with no answer read", bench.status().state, state)
-    for _ in range(20):
-        if bench.usb.write(CONSOLE_OUT, b"help\r" * 40, 0.01) < 200:
-            break
-    for _ in range(5):
-        bench.must(NoOp())
-    without_watchdog(bench)
-    bench.enable()
-    ack = bench.must(Update(bench.weak()))
-    expect("the flags of an update", ack.flags, AckFlag(0))
-    bench.wait_until(ack.commit_period)
-    expect("the state", bench.status().state, State.PLAYING)
-    bench.listen()
-    bench.unasked.clear()
-    sign = bench.status().now
-    bench.order(Request.WATCHDOG, ms := patience(bench))
-    alive = bench.status().now
-    check_not_yet(bench, sign + ms * TICKS_PER_MS, alive)
-    await_firing(bench, alive, alive, ms)
-    bench.enable()
-    set_dtr(bench, 0)
+    try:
+        for _ in range(20):
+            if bench.usb.write(CONSOLE_OUT, b"help\r" * 40, 0.01) < 200:
+                break
+        for _ in range(5):
+            bench.must(NoOp())
+        without_watchdog(bench)
+        bench.enable()
+        ack = bench.must(Update(bench.weak()))
+        expect("the flags of an update", ack.flags, AckFlag(0))
+        bench.wait_until(ack.commit_period)
+        expect("the state", bench.status().state, State.PLAYING)
+        bench.listen()
+        bench.unasked.clear()
+        sign = bench.status().now
+        bench.order(Request.WATCHDOG, ms := patience(bench))
+        alive = bench.status().now
+        check_not_yet(bench, sign + ms * TICKS_PER_MS, alive)
+        await_firing(bench, alive, alive, ms)
+        bench.enable()
+    finally:
+        set_dtr(bench, 0)  # drops the text, which would hold up the console for the next case
     expect("the state once DTR is low", bench.status().state, State.READY)
 
 
