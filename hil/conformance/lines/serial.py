@@ -155,7 +155,10 @@ class PortWire:
     def hang_up(self) -> None:
         """Hold the line low for 20 ms, or lower DTR and raise it again; inconclusive if neither is possible."""
         if self.has_break:
-            self._port.send_break(BREAK_SECONDS)
+            self._port.break_condition = True
+            self._port.reset_input_buffer()  # it came before: a fast device may have answered what was just asked
+            self.time.sleep(BREAK_SECONDS)
+            self._port.break_condition = False
         elif self._has_dtr:
             self.set_dtr(False)
             self.set_dtr(True)

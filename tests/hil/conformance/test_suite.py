@@ -101,7 +101,11 @@ REASONS = {
     "emulator:?speed=full": OF_A_BUS,
     "emulator:?link=2wire": OF_A_BUS | {PARTS},
     "emulator:?firmware=xs1": OF_A_BUS | {PARTS, unmet(Need.FREE_TIME)},
-    "emulator:?door=serial": OF_A_UART | {"in N attempts no block came exactly N periods ahead of its change"},
+    "emulator:?door=serial": OF_A_UART
+    | {
+        "in N attempts no block came exactly N periods ahead of its change",
+        "what had to be over before period N was over in period N: a slow line",
+    },
     "emulator:?door=serial&baud=3000000": OF_A_UART,
 }
 """Why a case is inconclusive on an emulator; numbers are N."""
