@@ -114,7 +114,7 @@ class Bench:
         with said.open("ab") as log:
             self._server = subprocess.Popen([*command, *options], cwd=self._folder, stdout=log, stderr=log)
         end = time.monotonic() + PATIENCE
-        while not where.exists():
+        while not (where.exists() and where.stat().st_size):  # a file is there before its text
             assert self._server.poll() is None, said.read_text()
             assert time.monotonic() < end
             time.sleep(0.02)
