@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "FARTHEST",
+    "HIGHEST",
     "WIDEST",
     "array_of",
     "as_drives",
@@ -103,10 +104,7 @@ def real(
     given = value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
     if not isinstance(given, Real) or isinstance(given, (bool, np.bool_)):
         raise ValueError(f"{name} {shown(value)} must be a number{f' of {unit}' if unit else ''}{hint}")
-    try:
-        number = float(given)
-    except OverflowError:
-        number = math.inf
+    number = _number(given)
     if not (least <= number <= most and math.isfinite(number)) or (above and number == least):
         units = f" {unit}" if unit else ""
         raise ValueError(f"{name} {shown(given)}{units} must be {_range(least, most, above, units)}{hint}")
@@ -184,7 +182,7 @@ def celsius(name: str, value: Any) -> float:
 
 
 def _number(value: Any) -> float:
-    """A value as a float for a hint; NaN if it is none."""
+    """A value as a float; NaN if it is no number, or an integer that no float holds."""
     try:
         return float(value) if isinstance(value, Real) else math.nan
     except OverflowError:

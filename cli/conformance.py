@@ -242,11 +242,13 @@ def conformance(
         complain(message(error))
     if run.signal:
         raise typer.Exit(SIGNALLED + run.signal)
-    shown = bool(run.count(Verdict.PASS))
-    if run.passed and not shown:
+    if not run.passed:
+        raise typer.Exit(FAILED)
+    if not run.count(Verdict.PASS):
         complain(NOTHING_SHOWN)
-    if not (run.passed and shown) or unwritten:
-        raise typer.Exit(WRONG_USE if run.passed and shown else FAILED)
+        raise typer.Exit(FAILED)
+    if unwritten:
+        raise typer.Exit(WRONG_USE)
 
 
 def _strictly(run: Run) -> Run:

@@ -14,7 +14,7 @@ from ..solver.geometry import PointsLike, as_places
 __all__ = ["arriving", "as_waves", "behind", "responses"]
 
 
-LOUDEST = 1e12
+LARGEST = 1e12
 """Of waves, to that of full drive: their squares fit single precision."""
 
 
@@ -30,8 +30,8 @@ def as_waves(array: TransducerArray, waves: ArrayLike, name: str = "waves") -> N
             f"{name} have the shape {series.shape}; (t, {len(array)}) is needed, a row for each carrier period and "
             "a column for each transducer"
         )
-    if not np.abs(series.view(np.float32)).max() <= LOUDEST:
-        raise ValueError(f"{name} must be at most {LOUDEST:g} times full drive, but some are not")
+    if not np.abs(series.view(np.float32)).max() <= LARGEST:
+        raise ValueError(f"{name} must be at most {LARGEST:g} times full drive, but some are not")
     return series
 
 

@@ -24,9 +24,9 @@ from ..pictures import Drawable, axes_or_new, colour_bar
 from ..solver.acoustics.array import TransducerArray
 from ..solver.acoustics.medium import Medium, as_medium
 from ..solver.acoustics.propagation import arrivals
-from ..solver.fields.quantities import radiation_pressure
+from ..solver.fields.quantities import LOUDEST, radiation_pressure
 from ..solver.geometry import place
-from .arriving import LOUDEST, as_waves
+from .arriving import as_waves
 from .drawing import INTENSITY, draw_intensity, write_scale
 from .receptors import TOUCH_CHANNELS
 from .skin import MOST_HZ, NEGLIGIBLE, Skin, displaced

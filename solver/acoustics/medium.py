@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ...arguments import celsius, flag, instance_of, real
+from ...arguments import HIGHEST, celsius, flag, instance_of, real
 
 __all__ = ["Medium", "as_medium"]
 
-MAX_FREQUENCY = 1e9  # Hz; air carries no sound of that pitch
 PRESSURES = 1e3, 1e6  # Pa, in which the formulas of air have a meaning
 STANDARD_PRESSURE = 101_325.0  # Pa
 DECIBELS_PER_NEPER = 20 / math.log(10)
@@ -57,7 +56,7 @@ class Medium:
         """Check the ranges."""
         for name, value in (
             ("temperature", celsius("temperature", self.temperature)),
-            ("frequency", real("frequency", self.frequency, 0, MAX_FREQUENCY, "Hz", above=True)),
+            ("frequency", real("frequency", self.frequency, 0, HIGHEST, "Hz", above=True)),
             ("absorbing", flag("absorbing", self.absorbing)),
             ("humidity", real("humidity", self.humidity, 0, 100, "%")),
             ("ambient_pressure", real("ambient_pressure", self.ambient_pressure, *PRESSURES, "Pa")),

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import array_of, as_drives, real, whole
+from ...arguments import HIGHEST, array_of, as_drives, real, whole
 from ..acoustics.array import TransducerArray
-from ..acoustics.medium import MAX_FREQUENCY, Medium
+from ..acoustics.medium import Medium
 from ..acoustics.propagation import Precision, pressure
 from ..geometry import frozen
 
@@ -77,7 +77,7 @@ class Modulation:
             )
         if (bad := np.argwhere(np.abs(weights @ drives) > 1 + 1e-6)).size:
             raise ValueError(f"sample {bad[0, 0]} drives transducer {bad[0, 1]} beyond 1, which is full drive")
-        carrier = real("carrier", carrier, 0, MAX_FREQUENCY, "Hz", above=True)
+        carrier = real("carrier", carrier, 0, HIGHEST, "Hz", above=True)
         frequency = check_frequency(frequency, len(weights), carrier)
         object.__setattr__(self, "drives", frozen(drives))
         object.__setattr__(self, "weights", frozen(weights))
@@ -130,7 +130,7 @@ class Modulation:
         With depth 1 the intensity is (1 + cos)²/4, whose first harmonic is half of the largest intensity; on and off
         make 2/π of it.
         """
-        depth, carrier = real("depth", depth, 0, 1), real("carrier", carrier, 0, MAX_FREQUENCY, "Hz", above=True)
+        depth, carrier = real("depth", depth, 0, 1), real("carrier", carrier, 0, HIGHEST, "Hz", above=True)
         samples = whole("samples", samples, 2, min(math.floor(carrier), MOST_SAMPLES))
         angle = 2 * np.pi * (np.arange(samples) + 0.5) / samples
         return cls.sampled(drive, 1 - depth * (1 - np.cos(angle)) / 2, frequency, carrier=carrier)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import as_single, real, whole
-from ..acoustics.medium import MAX_FREQUENCY
+from ...arguments import HIGHEST, as_single, real, whole
 from ..geometry import frozen
 from ..methods.modulation import CARRIER
 
@@ -48,7 +47,7 @@ class Cycle:
         if self.drives.ndim != 2 or not self.drives.size:
             raise ValueError(f"drives of a cycle have the shape {self.drives.shape}; they must be (k, n), k at least 1")
         object.__setattr__(self, "hold", whole("hold", self.hold, 1, MOST_PERIODS))
-        carrier = real("carrier", self.carrier, 0, MAX_FREQUENCY, "Hz", above=True)
+        carrier = real("carrier", self.carrier, 0, HIGHEST, "Hz", above=True)
         object.__setattr__(self, "carrier", carrier)
         object.__setattr__(self, "envelope", real("envelope", self.envelope, 0, carrier, "Hz"))
 
