@@ -101,23 +101,25 @@ class _Best:
 
 
 class _Reach:
-    """Keeps where hands and objects were, to explain why none touched."""
+    """Keeps where hands and objects were until they touch, to explain why none did."""
 
     def __init__(self) -> None:
+        self._touched = False
         self._hands: list[NDArray[np.float64]] = []
         self._objects: list[NDArray[np.float64]] = []
+        self._meshes: tuple[Mesh, ...] = ()
 
     def __call__(self, moment: TouchMoment) -> None:
         """Consider the next moment."""
-        for boxes, things in (
-            (self._hands, [hand.landmarks for hand in moment.hands]),
-            (self._objects, [mesh.vertices for mesh in moment.objects]),
-        ):
-            for which, points in enumerate(things):
-                box = np.array([points.min(axis=0), points.max(axis=0)])
-                if which == len(boxes):
-                    boxes.append(box)
-                boxes[which] = np.array([np.minimum(boxes[which][0], box[0]), np.maximum(boxes[which][1], box[1])])
+        self._touched |= moment.touch.points is not None
+        if self._touched:  # no explanation is needed, and the next frame waits for this call
+            return
+        for which, hand in enumerate(moment.hands):
+            _widen(self._hands, which, hand.landmarks)
+        for which, mesh in enumerate(moment.objects):
+            if which >= len(self._meshes) or mesh is not self._meshes[which]:  # it has moved
+                _widen(self._objects, which, mesh.vertices)
+        self._meshes = tuple(moment.objects)
 
     def explained(self, names: Sequence[str]) -> str:
         """Where objects and hands were, in m."""
@@ -126,6 +128,14 @@ class _Reach:
         low, high = np.min(self._hands, axis=0)[0], np.max(self._hands, axis=0)[1]
         objects = [f"{name} {_box(*box)}" for name, box in zip(names, self._objects, strict=False)]
         return f"no hand touched an object: hands were {_box(low, high)}; {'; '.join(objects)}"
+
+
+def _widen(boxes: list[NDArray[np.float64]], which: int, points: NDArray[np.float64]) -> None:
+    """Let one of some boxes, (2, 3), contain points too; it is the next new one, or is there."""
+    box = np.array([points.min(axis=0), points.max(axis=0)])
+    if which == len(boxes):
+        boxes.append(box)
+    boxes[which] = np.array([np.minimum(boxes[which][0], box[0]), np.maximum(boxes[which][1], box[1])])
 
 
 def _box(low: NDArray[np.float64], high: NDArray[np.float64]) -> str:
