@@ -152,7 +152,7 @@ def test_counts_of_blocks_go_on_past_a_byte(bench: Bench) -> None:
 def test_counts_of_blocks_go_on_past_two_bytes(bench: Bench) -> None:
     """More than 65 535 accepted and as many refused blocks are counted in STATUS whole."""
     if not is_fast(bench):
-        raise Inconclusive("this line would take an hour for so many blocks")
+        raise Inconclusive("the line is so slow that so many blocks take an hour")
     with bench.spare() as device:
         device.must(NoOp())
         before = device.status()

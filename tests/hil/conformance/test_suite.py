@@ -93,7 +93,7 @@ OF_A_UART = {
     NO_CONNECTION,
     "the line is so slow that the queue never fills",
     "this line is slower than the chain: no store waits on the device",
-    "this line would take an hour for so many blocks",
+    "the line is so slow that so many blocks take an hour",
 }
 
 REASONS = {
