@@ -42,14 +42,14 @@ mutants: $(VENV)/ready       ## the conformance suite against every broken emula
 	@$(BIN)/phasewire conformance --mutants --jobs $(TEST_PROCESSES)
 
 firmware-mutants: $(VENV)/ready ## the conformance suite against the chain processors' firmware, broken in many ways, in some minutes
-	@$(BIN)/python -m phasewire.mutants.processors
+	@$(BIN)/python -m phasewire.hil.conformance.mutants.processors
 
 reference: $(VENV)/ready     ## the reference device in C: unit tests, sanitizers, a Cortex-M33, fuzzing, and bugs that the suite must catch
-	@$(MAKE) -s -C reference check posix
-	@if command -v arm-none-eabi-gcc qemu-system-arm >/dev/null; then $(MAKE) -s -C reference/cortex_m33 test size instructions; \
+	@$(MAKE) -s -C firmware check posix
+	@if command -v arm-none-eabi-gcc qemu-system-arm >/dev/null; then $(MAKE) -s -C firmware/cortex_m33 test size instructions; \
 		else echo "no Cortex-M33: that needs arm-none-eabi-gcc, its C library and qemu-system-arm"; fi
-	@$(MAKE) -s -C reference fuzz FUZZ_SECONDS=$(REFERENCE_FUZZ_SECONDS)
-	@$(BIN)/python reference/mutants.py
+	@$(MAKE) -s -C firmware fuzz FUZZ_SECONDS=$(REFERENCE_FUZZ_SECONDS)
+	@$(BIN)/python -m phasewire.hil.conformance.mutants.core
 
 docs: $(VENV)/ready          ## the documents as a site, in build/docs/index.html; a broken link is an error
 	@$(BIN)/python -m sphinx -q -W --keep-going -b html -c docs . build/docs
@@ -59,7 +59,7 @@ lint: $(VENV)/ready          ## style, types, the import rules, and the English 
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-	@$(BIN)/mypy tests benchmarks examples reference
+	@$(BIN)/mypy tests benchmarks examples firmware/python firmware/tests
 	@$(BIN)/lint-imports --no-cache
 	@$(BIN)/python tests/style.py
 

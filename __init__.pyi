@@ -1,19 +1,26 @@
 """The public names and their rooms. ``__init__.py`` reads this file too."""
 
 from . import emulator as emulator
-from . import errors as errors
 from . import feel as feel
 from . import hil as hil
 from . import host as host
 from . import protocol as protocol
 from . import solver as solver
-from . import units as units
 from . import view as view
+from .base import errors as errors
+from .base import units as units
+from .base.errors import DeviceError as DeviceError
+from .base.errors import InputFileError as InputFileError
+from .base.errors import PhasewireError as PhasewireError
+from .base.units import Hz as Hz
+from .base.units import cm as cm
+from .base.units import kHz as kHz
+from .base.units import mm as mm
+from .base.units import ms as ms
+from .base.units import um as um
+from .base.units import us as us
 from .emulator import Capture as Capture
 from .emulator import Emulator as Emulator
-from .errors import DeviceError as DeviceError
-from .errors import InputFileError as InputFileError
-from .errors import PhasewireError as PhasewireError
 from .host import AsyncDevice as AsyncDevice
 from .host import Calibration as Calibration
 from .host import Device as Device
@@ -94,13 +101,6 @@ from .solver import solve_frames as solve_frames
 from .solver import sound_pressure_level as sound_pressure_level
 from .solver import touch as touch
 from .solver import two_sided as two_sided
-from .units import Hz as Hz
-from .units import cm as cm
-from .units import kHz as kHz
-from .units import mm as mm
-from .units import ms as ms
-from .units import um as um
-from .units import us as us
 from .view import View as View
 
 __version__: str

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from signal import SIGINT
 
-from .signals import SIGNALLED, loading, unwinding
+from .base.signals import SIGNALLED, loading, unwinding
 
 __all__ = ["main"]
 

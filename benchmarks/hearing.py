@@ -19,8 +19,8 @@ from phasewire.emulator import Capture
 from phasewire.feel.exposure import SEATED, exposure_at, seated
 from phasewire.feel.hearing import PARTS, audible
 from phasewire.feel.power import radiated_power
-from phasewire.hil.emission import emitted_waves
-from phasewire.host.playing.frames import Frame
+from phasewire.hil.sound.emission import emitted_waves
+from phasewire.host.streaming.frames import Frame
 
 CARRIER = 40_000
 SETTLING = 2_000  # periods before what is judged

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from phasewire import Circle, ControlPoints, Cycle, Outline, TransducerArray, render
-from phasewire.hil.sensing import sense, skin_over
+from phasewire.hil.loop.sensing import sense, skin_over
 from phasewire.solver import Completion, Quieting, Renderer, quieted
 
 CARRIER = 40_000

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from phasewire import ControlPoints, Medium, Solver, TransducerArray, pressure
-from phasewire.pictures import new_figure, save_figure
+from phasewire.base.pictures import new_figure, save_figure
 from phasewire.solver.compiled import block_kernels, kernels
 from phasewire.solver.compiled.simd import LANES
 from phasewire.solver.fields.field import PAIRS_PER_SAMPLE

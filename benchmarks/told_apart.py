@@ -17,7 +17,7 @@ from phasewire import DeviceGroup, Emulator, RigDevice, TransducerArray, open_de
 from phasewire.emulator.cluster import Cluster
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.doors.device_time import DeviceTime
-from phasewire.host.playing.device import Device, open_device
+from phasewire.host.streaming.device import Device, open_device
 from phasewire.protocol.codes import BLOCK_BYTES
 
 __all__ = ["Bus", "rig_told_apart", "told_apart"]

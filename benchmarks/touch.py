@@ -33,7 +33,7 @@ from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.host.hands.frames import HandFrame
 from phasewire.host.hands.placing import PlacedHands
 from phasewire.host.hands.sources import open_hands
-from phasewire.host.playing.device import Device
+from phasewire.host.streaming.device import Device
 from phasewire.host.touching.latency import Latencies
 from phasewire.host.touching.loop import TouchLoop, TouchMoment
 from phasewire.protocol.board import CARRIER_HZ, TICK_HZ, TICKS_PER_PERIOD

@@ -10,7 +10,7 @@ import argparse
 import json
 from typing import Any
 
-from phasewire.firmware.controller import CASES, FUNCTIONS, SPLITS, Fetch, call, expected, pass_blocks
+from phasewire.firmware.xmos.controller import CASES, FUNCTIONS, SPLITS, Fetch, call, expected, pass_blocks
 from phasewire.protocol.board import CORE_HZ, CYCLES_PER_PERIOD
 
 FETCHES: tuple[Fetch, ...] = ("off", "pessimistic")

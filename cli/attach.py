@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from ..host.lines.vhci import PORT, Attached, attach, follow
+from ..host.transports.vhci import PORT, Attached, attach, follow
 from .console import console_for
 
 __all__ = ["commands"]

@@ -11,7 +11,8 @@ import typer
 from rich.console import Console
 from rich.table import Column, Table
 
-from ..pictures import check_picture_path, new_figure, save_figure
+from ..base.pictures import check_picture_path, new_figure, save_figure
+from ..base.storage import check_outputs
 from ..protocol.board import CORE_HZ
 from ..protocol.chain import LOAD_BYTES
 from ..protocol.codes import ENTRIES_PER_BLOCK, SAMPLES_PER_BLOCK, Kind, Memory
@@ -24,7 +25,6 @@ from ..protocol.timing import (
     Budget,
     block_loads,
 )
-from ..storage import check_outputs
 from .console import JsonOption, among, console_for, write_json
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from ..errors import (
+from ..base.errors import (
     ClusterError,
     ClusterNotFoundError,
     DeviceError,
@@ -29,7 +29,7 @@ from ..errors import (
     TrackerError,
     TrackerNotFoundError,
 )
-from ..signals import SIGNALLED, loading
+from ..base.signals import SIGNALLED, loading
 
 __all__ = ["FAILED", "WRONG_USE", "app", "command_line", "complain", "message", "run"]
 
@@ -166,7 +166,9 @@ class Commands(Mapping[str, TyperCommand | TyperGroup]):
             with loading():
                 import logging  # not for --help, which begins sooner without
 
-                logging.getLogger("phasewire.compiling").setLevel(logging.INFO)  # it tells of its work, in pipes too
+                logging.getLogger("phasewire.base.compiling").setLevel(
+                    logging.INFO
+                )  # it tells of its work, in pipes too
                 module = import_module(f".{HOMES[name].module}", __package__)
             group = typer.main.get_group(module.commands)
             command = self._loaded[name] = cast("TyperCommand | TyperGroup", group.commands.get(name, group))
@@ -217,7 +219,7 @@ def _print_version(wanted: bool) -> None:
 
 def _trace(context: typer.Context, times: int) -> int:
     if times and not context.resilient_parsing:
-        from ..host.lines.tracing import print_traffic
+        from ..host.transports.tracing import print_traffic
 
         context.find_root().call_on_close(print_traffic(each=times > 1))
     return times

@@ -6,7 +6,7 @@ They run while somebody types: no function here may be slow, write anything, or 
 from __future__ import annotations
 
 from ..host.finding.discovery import search
-from ..host.lines.opening import SCHEMES, entries
+from ..host.transports.opening import SCHEMES, entries
 
 __all__ = ["device_urls", "hand_urls"]
 

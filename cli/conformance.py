@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..extras import needing
+from ..base.extras import needing
+from ..base.signals import SIGNALLED, loading, postponing
+from ..base.storage import check_outputs, write_file
 from ..hil.conformance.cases import Risk
 from ..hil.conformance.known import read_known_failures
 from ..hil.conformance.matrix import Matrix
@@ -22,17 +24,15 @@ from ..hil.conformance.reports.junit import junit
 from ..hil.conformance.reports.page import page
 from ..hil.conformance.reports.records import record
 from ..hil.conformance.verdicts import Run, Verdict
-from ..host.lines.opening import DEFAULT_URL
-from ..signals import SIGNALLED, loading, postponing
-from ..storage import check_outputs, write_file
+from ..host.transports.opening import DEFAULT_URL
 from .commands import FAILED, WRONG_USE, complain, message
 from .console import JsonOption, among, console_for, error_console, given, print_list, write_json
 from .options import DeviceOption, note_where_fresh
 
 if TYPE_CHECKING:
+    from ..hil.conformance.mutants.patching import Mutant
     from ..hil.conformance.plugin import Watcher
     from ..hil.conformance.running import RunOptions
-    from ..mutants.patching import Mutant
 
 __all__ = ["commands"]
 
@@ -49,7 +49,7 @@ commands = typer.Typer(rich_markup_mode=None)
 
 def _check_mutants_are_here() -> None:
     """Raise ValueError if the mutants are missing: the wheel leaves them out."""
-    if find_spec("phasewire.mutants") is None:
+    if find_spec("phasewire.hil.conformance.mutants") is None:
         raise ValueError(
             "mutants are not installed with phasewire: they stand in its repository, in the folder mutants, and "
             "`make mutants` judges them there"
@@ -58,9 +58,9 @@ def _check_mutants_are_here() -> None:
 
 def _offered_mutants(incomplete: str) -> list[str]:
     """A shell's completions for a mutant."""
-    if find_spec("phasewire.mutants") is None:
+    if find_spec("phasewire.hil.conformance.mutants") is None:
         return []
-    from ..mutants.catalogue import MUTANTS
+    from ..hil.conformance.mutants.catalogue import MUTANTS
 
     return among(MUTANTS)(incomplete)
 
@@ -260,7 +260,7 @@ def _strictly(run: Run) -> Run:
 
 def _mutant(name: str) -> Mutant:
     _check_mutants_are_here()
-    from ..mutants.catalogue import MUTANTS
+    from ..hil.conformance.mutants.catalogue import MUTANTS
 
     if name not in MUTANTS:
         near = get_close_matches(name, MUTANTS)
@@ -281,10 +281,10 @@ def _judge_mutants(
     check_outputs([table, json_target])
     _check_mutants_are_here()
 
-    from ..mutants.catalogue import MUTANTS
-    from ..mutants.reports import MutantLine, markdown, print_mutants
-    from ..mutants.reports import record as mutants_record
-    from ..mutants.running import DEFAULT_JOBS, run_mutants
+    from ..hil.conformance.mutants.catalogue import MUTANTS
+    from ..hil.conformance.mutants.reports import MutantLine, markdown, print_mutants
+    from ..hil.conformance.mutants.reports import record as mutants_record
+    from ..hil.conformance.mutants.running import DEFAULT_JOBS, run_mutants
 
     with MutantLine(error_console()) as watcher:
         results = run_mutants(list(MUTANTS.values()), jobs or DEFAULT_JOBS, watcher, thorough=thorough)
@@ -298,8 +298,8 @@ def _judge_mutants(
 
 def _run_mutant(broken: Mutant, options: RunOptions, watcher: Watcher, judged: Callable[[], object]) -> Run:
     """The run of a mutant, whose reports say that it is one."""
+    from ..hil.conformance.mutants.patching import applied
     from ..hil.conformance.running import run_conformance
-    from ..mutants.patching import applied
 
     with applied(broken):
         run = run_conformance(replace(options, url=broken.url), watcher, judged)

@@ -15,8 +15,8 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.table import Table
 
-from ..errors import visible
-from ..storage import write_file
+from ..base.errors import visible
+from ..base.storage import write_file
 
 __all__ = ["JsonOption", "among", "console_for", "error_console", "given", "print_list", "write_json"]
 

@@ -17,13 +17,13 @@ from typing import Annotated, Any, BinaryIO, TextIO
 import typer
 from rich.console import Console
 
-from ..hil.recordings import FORMATS, open_recording, read_recording
-from ..hil.traffic import DESCRIBERS, Piece, Traffic, hex_bytes
-from ..hil.usbmon import UsbAddress
+from ..base.storage import check_outputs, replacing
+from ..hil.traffic.recordings import FORMATS, open_recording, read_recording
+from ..hil.traffic.traffic import DESCRIBERS, Piece, Traffic, hex_bytes
+from ..hil.traffic.usbmon import UsbAddress
 from ..protocol.board import COLUMNS
 from ..protocol.describe import Description, Violation, describe_request
 from ..protocol.pulses import Pulses
-from ..storage import check_outputs, replacing
 from .console import JsonOption, among, console_for
 
 __all__ = ["commands", "explain"]

@@ -13,15 +13,15 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
+from ..base.pictures import check_picture_path
+from ..base.signals import loading
+from ..base.storage import check_outputs
 from ..emulator import Emulator
-from ..hil.end_to_end import EndToEnd, run_end_to_end
-from ..hil.picture import save_end_to_end_picture
-from ..pictures import check_picture_path
+from ..hil.loop.end_to_end import EndToEnd, run_end_to_end
+from ..hil.loop.picture import save_end_to_end_picture
 from ..protocol.board import TICK_HZ
 from ..protocol.codes import BLOCK_BYTES
-from ..signals import loading
 from ..solver import Solver, Sphere, TransducerArray
-from ..storage import check_outputs
 from .console import JsonOption, console_for, error_console, write_json
 from .viewing import opened_page
 

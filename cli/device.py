@@ -8,17 +8,17 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from ..errors import DeviceError
-from ..host.lines.opening import DEFAULT_URL
-from ..host.playing.device import open_device
-from ..host.playing.lanes import naming
-from ..host.playing.rig import RigDevice, read_rig
+from ..base.errors import DeviceError
+from ..base.storage import check_outputs
+from ..host.streaming.device import open_device
+from ..host.streaming.lanes import naming
+from ..host.streaming.rig import RigDevice, read_rig
+from ..host.transports.opening import DEFAULT_URL
 from ..protocol.codes import Request
 from ..protocol.plain import flag_names, plain
 from ..protocol.replies import Info, Status
 from ..protocol.requests import VALUES
 from ..protocol.versions import Version
-from ..storage import check_outputs
 from .console import JsonOption, console_for, error_console, write_json
 from .options import DeviceOption, command_for, note_where_fresh, rig_file
 from .rigs import show_rig

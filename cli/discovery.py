@@ -9,13 +9,13 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from ..errors import DeviceNotFoundError
+from ..base.errors import DeviceNotFoundError
+from ..base.storage import check_outputs
 from ..host.finding.computer_checks import udev_rule
 from ..host.finding.discovery import search
 from ..host.finding.doctor import CHECKS, FOUND, examine
 from ..host.finding.findings import CheckVerdict
-from ..host.lines.opening import URL_VARIABLE, refuse_rig
-from ..storage import check_outputs
+from ..host.transports.opening import URL_VARIABLE, refuse_rig
 from .completion import device_urls
 from .console import JsonOption, console_for, error_console, print_list, write_json
 from .rigs import show_rig

@@ -17,6 +17,9 @@ from typing import Annotated, Any, TypeVar
 import typer
 from rich.console import Console
 
+from ..base.pictures import check_picture_path, save_figure
+from ..base.signals import loading
+from ..base.storage import check_outputs, claimed
 from ..emulator.doors.address import SPEEDS
 from ..emulator.doors.serving import Server, precise_loop
 from ..emulator.doors.station import Pace, Station
@@ -29,13 +32,10 @@ from ..emulator.machine import Emulator
 from ..emulator.ports.export import check_export_path, export
 from ..emulator.scenario import read_scenario
 from ..emulator.timeline import CYCLES_PER_MICROSECOND, draw_timeline, way_of_an_update
-from ..pictures import check_picture_path, save_figure
 from ..protocol.board import CORE_HZ
 from ..protocol.framing import BAUD
 from ..protocol.timing import FIVE_WIRE, LINKS, Link
 from ..protocol.usbip import PORT
-from ..signals import loading
-from ..storage import check_outputs, claimed
 from .console import among, console_for, error_console, write_json
 
 __all__ = ["commands"]

@@ -9,13 +9,13 @@ import typer
 from rich.console import Console
 from rich.table import Column, Table
 
-from ..pictures import check_picture_path
+from ..base.pictures import check_picture_path
+from ..base.signals import loading
+from ..base.storage import check_outputs
 from ..protocol.board import CHANNELS
-from ..signals import loading
 from ..solver import Cycle, Renderer, TransducerArray
 from ..solver.rendering.ways import AUTO, WAYS, described
 from ..solver.shapes.point_files import POINT_FILES
-from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
 from .listening import ListenersOption, listener_files, load_listeners
 from .playing import MethodOption
@@ -23,7 +23,7 @@ from .points import ArrayOption, files_in, load_array, read_outline, shapes_and_
 from .rendering import RENDER_HELP, SQUARE
 
 if TYPE_CHECKING:
-    from ..hil.sensing import Sensation
+    from ..hil.loop.sensing import Sensation
 
 __all__ = ["commands"]
 
@@ -89,8 +89,8 @@ def feel(
         cycles[shown] = renderer.render(outline)
     with loading():
         from ..feel.exposure import NOTE
-        from ..hil.sensing import sense, skin_over
-        from ..hil.sensing_picture import save_sensation_picture
+        from ..hil.loop.sensing import sense, skin_over
+        from ..hil.loop.sensing_picture import save_sensation_picture
     hand = skin_over(outline)
     found: dict[str, Sensation] = {}
     with error_console().status("playing") as status:

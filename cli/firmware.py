@@ -13,7 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Column, Table
 
-from ..errors import InputFileError
+from ..base.errors import InputFileError
+from ..base.signals import loading
+from ..base.storage import check_outputs, write_file
+from ..base.storage import read_file as read_bounded
 from ..host.firmware.images import read_file, read_image
 from ..host.firmware.keys import (
     MAKE_PRIVATE_KEY,
@@ -29,9 +32,6 @@ from ..protocol.codes import SEGMENT_MAX_BYTES, Hardware, Target
 from ..protocol.enumeration import PRODUCT_ID, VENDOR_ID
 from ..protocol.firmware import Image, ImageHeader, Segment, Suffix, sign, with_suffix
 from ..protocol.versions import Version
-from ..signals import loading
-from ..storage import check_outputs, write_file
-from ..storage import read_file as read_bounded
 from .console import JsonOption, console_for, error_console, print_list, write_json
 
 if TYPE_CHECKING:
@@ -251,7 +251,7 @@ def _completed(given: Sequence[Segment], version: Version) -> tuple[Segment, ...
         return tuple(given)
     with loading():
         from ..emulator.firmware.loader import FACTORY_IMAGE  # slow, and only for what is missing
-        from ..firmware.build import processor_segment
+        from ..firmware.xmos.build import processor_segment
     segments = list(given)
     if not any(segment.target is not Target.CONTROLLER for segment in segments):
         segments.insert(0, Segment(Target.ALL_PROCESSORS, processor_segment(version)))

@@ -11,12 +11,12 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from ..errors import DeviceNotFoundError
+from ..base.errors import DeviceNotFoundError
+from ..base.storage import check_outputs
 from ..host.firmware.images import read_firmware
 from ..host.firmware.keys import read_public_keys
-from ..host.lines.opening import DEFAULT_URL
+from ..host.transports.opening import DEFAULT_URL
 from ..protocol.plain import plain
-from ..storage import check_outputs
 from .console import JsonOption, console_for, error_console, given, print_list, write_json
 from .options import DeviceOption, note_where_fresh
 

@@ -10,8 +10,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from ..host.playing.limiting import SHORTEST_PULSE, Limit
-from ..signals import loading
+from ..base.signals import loading
+from ..host.streaming.limiting import SHORTEST_PULSE, Limit
 from ..solver import TransducerArray
 from ..solver.geometry import as_points
 from ..solver.shapes.point_files import POINT_FILES

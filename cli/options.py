@@ -9,11 +9,11 @@ from typing import Annotated
 
 import typer
 
-from ..host.lines.opening import RIG, URL_VARIABLE, is_fresh
-from ..host.playing.calibration import Calibration
-from ..host.playing.device import open_device
-from ..host.playing.group import AnyDevice, open_devices
-from ..host.playing.rig import read_rig
+from ..host.streaming.calibration import Calibration
+from ..host.streaming.device import open_device
+from ..host.streaming.group import AnyDevice, open_devices
+from ..host.streaming.rig import read_rig
+from ..host.transports.opening import RIG, URL_VARIABLE, is_fresh
 from .completion import device_urls
 from .console import error_console
 

@@ -18,12 +18,12 @@ from rich.console import Console
 from rich.control import Control
 from rich.segment import ControlType
 
-from ..errors import DeviceError
-from ..host.lines.opening import DEFAULT_URL, is_fresh
-from ..host.playing.calibration import Calibration
-from ..host.playing.cycles import play_cycle
-from ..host.playing.envelopes import parse_envelope, sine
-from ..host.playing.frames import (
+from ..base.errors import DeviceError
+from ..base.storage import check_outputs
+from ..host.streaming.calibration import Calibration
+from ..host.streaming.cycles import play_cycle
+from ..host.streaming.envelopes import parse_envelope, sine
+from ..host.streaming.frames import (
     Frames,
     LoopedFrames,
     beginning,
@@ -32,10 +32,11 @@ from ..host.playing.frames import (
     limited_frames,
     to_pulses,
 )
-from ..host.playing.group import AnyDevice, DeviceGroup
-from ..host.playing.limiting import TurnedDown
-from ..host.playing.recording import SUFFIX, Recording, record
-from ..host.playing.streaming import LOOK_AHEAD_SECONDS, StreamReport
+from ..host.streaming.group import AnyDevice, DeviceGroup
+from ..host.streaming.limiting import TurnedDown
+from ..host.streaming.recording import SUFFIX, Recording, record
+from ..host.streaming.streaming import LOOK_AHEAD_SECONDS, StreamReport
+from ..host.transports.opening import DEFAULT_URL, is_fresh
 from ..protocol.board import CARRIER_HZ
 from ..protocol.plain import plain
 from ..solver import ControlPoints, Cycle, Medium, Outline, Renderer, Solver, TransducerArray
@@ -44,7 +45,6 @@ from ..solver.rendering.cycle import MOST_FRAMES
 from ..solver.rendering.renderer import LEAST_FRAMES
 from ..solver.rendering.ways import AUTO, described
 from ..solver.shapes.point_files import POINT_FILES
-from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, given, write_json
 from .listening import ListenersOption, MaxExposureOption, kept, limiter, listener_files
 from .options import (

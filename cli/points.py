@@ -11,14 +11,14 @@ from typing import Annotated
 
 import typer
 
-from ..errors import InputFileError
+from ..base.errors import InputFileError
+from ..base.storage import standard_input
 from ..solver.acoustics.array import TransducerArray
 from ..solver.acoustics.array_files import read_transducers
 from ..solver.rendering.outline import Outline
 from ..solver.shapes.point_files import POINT_FILES, read_points
 from ..solver.shapes.points import ControlPoints
 from ..solver.shapes.shapes import SHAPES, known_shapes, parse_shape
-from ..storage import standard_input
 
 __all__ = [
     "ARCHIVE",

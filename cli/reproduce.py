@@ -13,7 +13,8 @@ import numpy as np
 import typer
 from rich.table import Column, Table
 
-from ..pictures import check_picture_path, save_figure
+from ..base.pictures import check_picture_path, save_figure
+from ..base.storage import check_outputs
 from ..solver.reproduction.figures import (
     SHAPES_OF_FIGURE_6,
     TECHNIQUES,
@@ -26,7 +27,6 @@ from ..solver.reproduction.figures import (
     reproduce_range,
 )
 from ..solver.reproduction.pictures import draw_figure_4, draw_figure_6, draw_figure_7, draw_range
-from ..storage import check_outputs
 from .console import JsonOption, console_for, error_console, write_json
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.table import Table
 
 from ..host.finding.rigs import look_at_rig
-from ..host.playing.rig import read_rig
+from ..host.streaming.rig import read_rig
 from ..solver.geometry import counted
 from .console import console_for, error_console, print_list, write_json
 

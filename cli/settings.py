@@ -20,8 +20,8 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperGroup, TyperOption
 
-from ..errors import InputFileError
-from ..storage import check_outputs, read_toml, write_file
+from ..base.errors import InputFileError
+from ..base.storage import check_outputs, read_toml, write_file
 from .console import JsonOption, console_for, error_console, print_list, write_json
 
 __all__ = ["CONFIG_VARIABLE", "commands", "config_path", "defaults_from_file", "each_command"]

@@ -18,7 +18,8 @@ from rich import box
 from rich.table import Column, Table
 from rich.text import Text
 
-from ..pictures import FORMATS
+from ..base.pictures import FORMATS
+from ..base.storage import check_outputs
 from ..solver.accelerated.devices import Backend
 from ..solver.acoustics.array import COLUMNS, PITCH, ROWS, TransducerArray
 from ..solver.acoustics.medium import Medium
@@ -41,7 +42,6 @@ from ..solver.shapes.curves import SPACING
 from ..solver.shapes.point_files import POINT_FILES
 from ..solver.shapes.points import REACH
 from ..solver.shapes.shapes import shape_help
-from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, given, write_json
 from .points import ARCHIVE, ArrayOption, SourceKind, files_in, kind_of, load_array, read_source, shapes_and_files
 

@@ -21,10 +21,10 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from ..errors import InputFileError
-from ..host.playing.calibration import Calibration
-from ..host.playing.frames import NUMBERS, Frames, solved
-from ..host.playing.recording import SUFFIX, Recording
+from ..base.errors import InputFileError
+from ..host.streaming.calibration import Calibration
+from ..host.streaming.frames import NUMBERS, Frames, solved
+from ..host.streaming.recording import SUFFIX, Recording
 from ..protocol.pulses import Pulses
 from ..protocol.quantise import PulseFrames, check_pulses
 from ..solver import ControlPoints, Medium, Solution, Solver, TransducerArray

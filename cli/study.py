@@ -13,12 +13,12 @@ import typer
 from rich.console import Console
 from rich.table import Column, Table
 
+from ..base.pictures import check_picture_path, save_figure
+from ..base.storage import check_outputs
 from ..hil.study.judging import PAPER_TRIALS, TABLE_1, chance_at_most
 from ..hil.study.picture import draw_study
 from ..hil.study.pointer import HAJAS
 from ..hil.study.running import PERSONS, REPEATS, SECONDS, SEED, Study, run_study
-from ..pictures import check_picture_path, save_figure
-from ..storage import check_outputs
 from .console import JsonOption, console_for, error_console, write_json
 
 __all__ = ["commands"]

@@ -13,6 +13,8 @@ import typer
 from rich.console import Console
 from rich.table import Column, Table
 
+from ..base.pictures import check_picture_path, save_figure
+from ..base.storage import check_outputs
 from ..hil.sweep.crews import CREWS, Crew
 from ..hil.sweep.design import FIELDS
 from ..hil.sweep.files import SWEEP_FILES, read_sweep
@@ -21,8 +23,6 @@ from ..hil.sweep.measures import MEASURE_UNITS, MEASURES
 from ..hil.sweep.picture import draw_sweep, drawn_fields
 from ..hil.sweep.results import Results, read_results
 from ..hil.sweep.running import run_sweep
-from ..pictures import check_picture_path, save_figure
-from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
 
 __all__ = ["commands"]

@@ -17,21 +17,22 @@ from rich.console import Console
 from rich.control import Control
 from rich.segment import ControlType
 
-from ..errors import DeviceError, DeviceRefusedError, PhasewireError, TrackerLostError
+from ..base.errors import DeviceError, DeviceRefusedError, PhasewireError, TrackerLostError
+from ..base.pictures import check_picture_path, save_figure
+from ..base.signals import loading
+from ..base.storage import check_outputs
 from ..host.hands.placing import PlacedHands
 from ..host.hands.pose import Pose
 from ..host.hands.returning import open_returning
 from ..host.hands.sources import HandSource, files_of, open_hands
-from ..host.lines.opening import DEFAULT_URL
-from ..host.lines.transport import Timekeeper
-from ..host.playing.device import Device, open_device
+from ..host.streaming.device import Device, open_device
 from ..host.touching.log import TouchLog, log_path
 from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop, TouchMoment
 from ..host.touching.report import TouchReport
-from ..pictures import check_picture_path, save_figure
+from ..host.transports.opening import DEFAULT_URL
+from ..host.transports.transport import Timekeeper
 from ..protocol.plain import plain
 from ..protocol.replies import Status
-from ..signals import loading
 from ..solver import METHODS, TransducerArray
 from ..solver.contact.mesh import Mesh
 from ..solver.contact.solids import SOLIDS
@@ -40,7 +41,6 @@ from ..solver.methods.modulation import FREQUENCY
 from ..solver.objects.parsing import MovingObject, object_help, object_name, parse_object
 from ..solver.shapes.curves import SPACING
 from ..solver.shapes.points import MAX_POINTS
-from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
 from .listening import ListenersOption, MaxExposureOption, kept, limiter, listener_files
 from .options import (
@@ -412,8 +412,8 @@ def _tell(out: Console, report: TouchReport, *, default: bool) -> None:
 def _draw(array: TransducerArray, path: Path, moment: TouchMoment) -> None:
     """Draw a moment, and the field as an emulated device emits it."""
     with loading():
-        from ..hil.touch_picture import save_touch_picture
-        from ..hil.touching import as_emitted
+        from ..hil.loop.touch_picture import save_touch_picture
+        from ..hil.loop.touching import as_emitted
 
     assert moment.cycle is not None
     frames = moment.cycle.frames
@@ -425,6 +425,6 @@ def _draw(array: TransducerArray, path: Path, moment: TouchMoment) -> None:
 def _draw_way(toucher: Toucher, method: str, path: Path, moment: TouchMoment) -> None:
     """Draw the latency from the hands of a moment to the first tick of their field."""
     with loading():
-        from ..hil.touch_latency import draw_touch_latency, measure_touch_latency
+        from ..hil.loop.touch_latency import draw_touch_latency, measure_touch_latency
 
     save_figure(draw_touch_latency(measure_touch_latency(moment.hands, moment.objects, toucher, method=method)), path)

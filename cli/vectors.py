@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from ..extras import needing
-from ..storage import check_outputs, write_file
+from ..base.extras import needing
+from ..base.storage import check_outputs, write_file
 
 __all__ = ["commands"]
 

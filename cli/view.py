@@ -10,18 +10,18 @@ from typing import Annotated, Any
 
 import typer
 
+from ..base.signals import loading
+from ..base.storage import check_outputs
 from ..emulator.machine import open_emulator
 from ..host.hands.placing import PlacedHands
 from ..host.hands.pose import Pose
 from ..host.hands.sources import HandSource, files_of, open_hands
-from ..host.lines.opening import DEFAULT_URL
-from ..host.playing.device import open_device
+from ..host.streaming.device import open_device
+from ..host.transports.opening import DEFAULT_URL
 from ..protocol.plain import plain
-from ..signals import loading
 from ..solver import METHODS
 from ..solver.contact.solids import SOLIDS
 from ..solver.objects.parsing import object_help
-from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, given, write_json
 from .options import MOST_SECONDS, CalibrationOption, DeviceOption, PoseOption, load_calibration
 from .playing import array_of

@@ -9,9 +9,9 @@ from urllib.parse import parse_qsl, urlencode
 
 import typer
 
-from ..host.lines.opening import is_fresh
-from ..host.playing.group import AnyDevice, DeviceGroup
-from ..signals import loading
+from ..base.signals import loading
+from ..host.streaming.group import AnyDevice, DeviceGroup
+from ..host.transports.opening import is_fresh
 from ..solver import TransducerArray
 from .console import error_console
 

@@ -15,19 +15,19 @@ import typer
 from rich.console import Console
 from rich.table import Column, Table
 
-from ..errors import InputFileError
-from ..signals import loading
-from ..storage import check_outputs, read_file, read_text, write_file
-from ..xs1.assembler import AssemblySource, assemble, runtime
-from ..xs1.clang import compile_c
-from ..xs1.disassembler import DisassembledLine, disassemble, listing
-from ..xs1.instructions import REGISTERS
-from ..xs1.names import THREAD_REGISTERS, parse_port, port_name, resource_name
-from ..xs1.program import CYCLES_PER_SECOND, MEMORY_BYTES, LinkedProgram, read_map
+from ..base.errors import InputFileError
+from ..base.signals import loading
+from ..base.storage import check_outputs, read_file, read_text, write_file
+from ..firmware.xs1.assembler import AssemblySource, assemble, runtime
+from ..firmware.xs1.clang import compile_c
+from ..firmware.xs1.disassembler import DisassembledLine, disassemble, listing
+from ..firmware.xs1.instructions import REGISTERS
+from ..firmware.xs1.names import THREAD_REGISTERS, parse_port, port_name, resource_name
+from ..firmware.xs1.program import CYCLES_PER_SECOND, MEMORY_BYTES, LinkedProgram, read_map
 from .console import JsonOption, among, console_for, write_json
 
 if TYPE_CHECKING:
-    from ..xs1.execution import Execution, Outcome
+    from ..firmware.xs1.execution import Execution, Outcome
 
 __all__ = ["commands"]
 
@@ -217,8 +217,8 @@ def run(
     The exit code is 1 if a thread traps and has no handler.
     """
     with loading():
-        from ..xs1.execution import Setup, execute
-        from ..xs1.vcd import write_port_vcd
+        from ..firmware.xs1.execution import Setup, execute
+        from ..firmware.xs1.vcd import write_port_vcd
 
     if fetch not in (*FETCH_RULES, BOTH):
         raise ValueError(f"--fetch {fetch}: it is {', '.join(FETCH_RULES)} or {BOTH}")
@@ -292,9 +292,9 @@ def trace(
 ) -> None:
     """Execute a program, and show each instruction: cycle, thread, place, and the registers that it changes."""
     with loading():
-        from ..xs1.debugger import steps, view
-        from ..xs1.execution import Execution, Setup, first_cycle
-        from ..xs1.names import PORT_IDS
+        from ..firmware.xs1.debugger import steps, view
+        from ..firmware.xs1.execution import Execution, Setup, first_cycle
+        from ..firmware.xs1.names import PORT_IDS
 
     if fetch not in FETCH_RULES:
         raise ValueError(f"--fetch {fetch}: it is {' or '.join(FETCH_RULES)}")
@@ -461,7 +461,7 @@ def _print_outcomes(out: Console, outcomes: Mapping[str, Outcome]) -> None:
 
 def _print_state(out: Console, outcome: Outcome) -> None:
     """The threads, and the trap if there is one."""
-    from ..xs1.debugger import describe_thread, describe_trap
+    from ..firmware.xs1.debugger import describe_thread, describe_trap
 
     out.print()
     for thread in outcome.execution.core.threads():
@@ -508,7 +508,7 @@ def _token(token: int) -> str:
 
 
 def _print_profile(out: Console, outcome: Outcome) -> None:
-    from ..xs1.debugger import profile_by_function
+    from ..firmware.xs1.debugger import profile_by_function
 
     columns = (Column(name, justify="right") for name in ("instructions", "issue slots", "share"))
     table = Table("function", *columns, Column("", no_wrap=True), box=None, padding=(0, 2, 0, 0), pad_edge=False)
@@ -523,7 +523,7 @@ def _print_profile(out: Console, outcome: Outcome) -> None:
 
 
 def _why_no_more(execution: Execution, first: int) -> str:
-    from ..xs1.debugger import describe_trap
+    from ..firmware.xs1.debugger import describe_trap
 
     if execution.core.trap is not None:
         return describe_trap(execution)
@@ -533,7 +533,7 @@ def _why_no_more(execution: Execution, first: int) -> str:
 
 
 def _outcome_record(rule: str, outcome: Outcome, profile: bool) -> dict[str, Any]:
-    from ..xs1.debugger import profile_by_function
+    from ..firmware.xs1.debugger import profile_by_function
 
     execution = outcome.execution
     record: dict[str, Any] = {

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, Self
 
-from ..arguments import whole
+from ..base.arguments import whole
 from ..protocol.board import CYCLES_PER_PERIOD
 from .machine import Emulator
 

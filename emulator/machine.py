@@ -13,8 +13,8 @@ from functools import partial
 from itertools import count
 from typing import Literal, NamedTuple, Self, get_args
 
-from ..arguments import whole
-from ..errors import DeviceError
+from ..base.arguments import whole
+from ..base.errors import DeviceError
 from ..protocol.board import (
     BOARDS,
     CORE_HZ,
@@ -534,7 +534,7 @@ def _factory_image(firmware: Image | FirmwareChoice) -> Image:
         return firmware
     if firmware == "model":
         return FACTORY_IMAGE
-    from ..firmware.images import device_image  # only executed devices need it
+    from ..firmware.xmos.images import device_image  # only executed devices need it
 
     return device_image()
 

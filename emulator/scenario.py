@@ -15,8 +15,8 @@ from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from typing import Any
 
-from ..errors import InputFileError
-from ..storage import FilePath, read_toml
+from ..base.errors import InputFileError
+from ..base.storage import FilePath, read_toml
 from .faults import FAULTS, InjectedFault
 from .faults.fault import limits
 

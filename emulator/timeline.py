@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from ..pictures import LANDSCAPE, new_figure
+from ..base.pictures import LANDSCAPE, new_figure
 from ..protocol.blocks import Block, Update, pack
 from ..protocol.board import CHANNELS, CORE_HZ, CYCLES_PER_PERIOD, MAX_WIDTH_TICKS
 from ..protocol.codes import REQUEST_TYPE_OUT, Request, StandardRequest

@@ -5,7 +5,7 @@ Run it with ``.venv/bin/python examples/button_panel.py``. It draws the field of
 
 import numpy as np
 import phasewire as pw
-from phasewire.hil.touch_picture import save_touch_picture
+from phasewire.hil.loop.touch_picture import save_touch_picture
 
 NAMES = ("colder", "warmer", "fan", "radio", "phone")
 SIDE_M, APART_M, HEIGHT_M = 0.03, 0.045, 0.16

@@ -5,8 +5,8 @@ Run it with ``.venv/bin/python examples/mesh_in_hand.py``. It makes both files i
 
 import numpy as np
 import phasewire as pw
-from phasewire.extras import needing
-from phasewire.hil.touch_picture import save_touch_picture
+from phasewire.base.extras import needing
+from phasewire.hil.loop.touch_picture import save_touch_picture
 
 with needing("meshes", "this example"):
     import trimesh

@@ -5,8 +5,8 @@ Run it with ``.venv/bin/python examples/ring_up.py``; the device is emulated. It
 
 import numpy as np
 import phasewire as pw
+from phasewire.base.pictures import BLUE, INK, RED, new_figure, save_figure
 from phasewire.hil import Playback
-from phasewire.pictures import BLUE, INK, RED, new_figure, save_figure
 from phasewire.protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 
 FOCUS_M, BEFORE, AFTER = [0.0, 0.0, 0.2], 10, 120  # m, carrier periods

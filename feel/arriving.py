@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import array_of
+from ..base.arguments import array_of
 from ..solver import Medium, TransducerArray, transfer_matrix
 from ..solver.acoustics.models import directivity
 from ..solver.acoustics.resonator import Resonator

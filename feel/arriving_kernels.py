@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compiling import kernel
+from ..base.compiling import kernel
 
 __all__ = ["collect"]
 

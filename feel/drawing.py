@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..pictures import FELT, INK, MM, SKIN
+from ..base.pictures import FELT, INK, MM, SKIN
 from .unfolding import SkinPlaces
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import real
+from ..base.arguments import real
 from ..solver import Medium, TransducerArray
 from ..solver.acoustics.medium import as_medium
 from ..solver.fields.quantities import air_density, sound_pressure_level

@@ -24,7 +24,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import as_frequencies, length, whole
+from ..base.arguments import as_frequencies, length, whole
 from ..solver import Medium, TransducerArray
 from ..solver.acoustics.medium import as_medium
 from ..solver.acoustics.resonator import Resonator

@@ -19,8 +19,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import HIGHEST, array_of, real, whole
-from ..pictures import Drawable, axes_or_new, colour_bar
+from ..base.arguments import HIGHEST, array_of, real, whole
+from ..base.pictures import Drawable, axes_or_new, colour_bar
 from ..solver.acoustics.array import TransducerArray
 from ..solver.acoustics.medium import Medium, as_medium
 from ..solver.acoustics.propagation import arrivals

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..pictures import BLUE, GREEN, INK, LANDSCAPE, RED, new_figure, save_figure
+from ..base.pictures import BLUE, GREEN, INK, LANDSCAPE, RED, new_figure, save_figure
+from ..base.storage import FilePath
 from ..solver.geometry import place
-from ..storage import FilePath
 from .perception import FeltMap
 from .receptors import TOUCH_CHANNELS
 

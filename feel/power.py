@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import real
+from ..base.arguments import real
 from ..solver import Medium, Transducer, TransducerArray
 from ..solver.acoustics.medium import as_medium
 from ..solver.acoustics.models import residual

@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import array_of, as_frequencies, real, shown
+from ..base.arguments import array_of, as_frequencies, real, shown
 
 __all__ = ["MOST_HZ", "Skin", "displacement"]
 

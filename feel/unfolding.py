@@ -15,7 +15,7 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import length
+from ..base.arguments import length
 from ..solver.contact.anatomy import posed
 from ..solver.contact.hand import Hand
 from ..solver.contact.silhouette import silhouette

@@ -1,1 +1,1 @@
-"""Programs for the hardware: that of the chain processors, and kernels of the controller (chapters CHN, BUD)."""
+"""All that runs on chips: a portable core in C with its ports, the programs of the XMOS boards, and their tools."""

@@ -8,12 +8,12 @@ what skin and ears get of it.
 
 from __future__ import annotations
 
-from .air import Playback
-from .emission import EmittedWaves, emitted_waves
-from .end_to_end import Check, EndToEnd, run_end_to_end
-from .rig_run import RigRun, run_rig
-from .sensing import Sensation, sense
-from .touching import TouchRun, run_touch
+from .loop.end_to_end import Check, EndToEnd, run_end_to_end
+from .loop.rig_run import RigRun, run_rig
+from .loop.sensing import Sensation, sense
+from .loop.touching import TouchRun, run_touch
+from .sound.air import Playback
+from .sound.emission import EmittedWaves, emitted_waves
 
 __all__ = [
     "Check",

@@ -8,16 +8,16 @@ and hands; it reaches the emulator only as it reaches any other device, and neve
 from __future__ import annotations
 
 from .hands import HandFrame, HandSource, PlacedHands, Pose, TrackedHand, open_hands
-from .lines.transport import Found, Scheme, Timekeeper, Transport
-from .playing.asynchronous import AsyncDevice, open_device_async
-from .playing.calibration import Calibration
-from .playing.device import Device, open_device
-from .playing.envelopes import Envelope, parse_envelope, read_envelope, sine
-from .playing.frames import Frame, Frames, FrameSource, solved
-from .playing.group import DeviceGroup, open_devices
-from .playing.recording import Recording, record
-from .playing.rig import RigDevice, read_rig
-from .playing.streaming import StreamReport
+from .streaming.asynchronous import AsyncDevice, open_device_async
+from .streaming.calibration import Calibration
+from .streaming.device import Device, open_device
+from .streaming.envelopes import Envelope, parse_envelope, read_envelope, sine
+from .streaming.frames import Frame, Frames, FrameSource, solved
+from .streaming.group import DeviceGroup, open_devices
+from .streaming.recording import Recording, record
+from .streaming.rig import RigDevice, read_rig
+from .streaming.streaming import StreamReport
+from .transports.transport import Found, Scheme, Timekeeper, Transport
 
 __all__ = [
     "AsyncDevice",

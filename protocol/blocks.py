@@ -17,8 +17,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import flag, whole
-from ..errors import BlockError
+from ..base.arguments import flag, whole
+from ..base.errors import BlockError
 from .board import CHANNELS
 from .codes import (
     AMPLITUDES,

@@ -15,8 +15,8 @@ import zlib
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
-from ..arguments import whole
-from ..errors import ChainError
+from ..base.arguments import whole
+from ..base.errors import ChainError
 from .board import CHANNELS_PER_PROCESSOR, PROCESSORS
 from .codes import (
     CONTROLLER_NODE,

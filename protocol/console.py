@@ -12,7 +12,7 @@ from enum import Enum, IntFlag
 from types import MappingProxyType
 from typing import NamedTuple
 
-from ..errors import CommandError
+from ..base.errors import CommandError
 from .board import CHANNELS
 from .codes import ConsoleCode, Hardware, Request
 from .replies import ClockReading, Info, ReadBack, Status, decode_reports

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 
 from construct import Const, Construct, ConstructError, Sequence, Terminated
 
-from ..errors import ReplyError
+from ..base.errors import ReplyError
 from .layout import build
 from .layout import usb as layout
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from construct import ConstructError
 
-from ..errors import ReplyError
+from ..base.errors import ReplyError
 from .codes import DFU_REASON_STRINGS, DFU_TRANSFER_BYTES, FLASH_SECTOR_BYTES, DfuState, DfuStatus, ImageReason
 from .layout import build
 from .layout.firmware import DFU_STATUS

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from construct import ConstructError
 
-from ..errors import ImageError
+from ..base.errors import ImageError
 from .board import PROCESSORS
 from .codes import (
     BOOT_RECORD_MAGIC,

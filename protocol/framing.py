@@ -16,7 +16,7 @@ from types import MappingProxyType
 
 from cobs import cobs
 
-from ..errors import FrameError
+from ..base.errors import FrameError
 from .codes import BLOCK_BYTES, RECORD_BYTES, SERIAL_DATA_BYTES, FrameKind, Outcome
 from .requests import Setup
 

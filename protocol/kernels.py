@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import MAGNITUDE_TOLERANCE
-from ..compiling import kernel
+from ..base.arguments import MAGNITUDE_TOLERANCE
+from ..base.compiling import kernel
 from .board import CHANNELS, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 from .codes import (
     BLOCK_MAGIC,

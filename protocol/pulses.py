@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import array_of, check_drives, whole
+from ..base.arguments import array_of, check_drives, whole
 from .board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 from .codes import AMPLITUDES
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import array_of, check_drives, whole
+from ..base.arguments import array_of, check_drives, whole
 from .board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
 from .pulses import Pulses
 

@@ -14,8 +14,8 @@ from construct import Construct, ConstructError
 from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
-from ..arguments import whole
-from ..errors import BlockError, ReplyError
+from ..base.arguments import whole
+from ..base.errors import BlockError, ReplyError
 from .blocks import pack_pulses, unpack_pulses
 from .board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
 from .codes import (

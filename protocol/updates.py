@@ -13,7 +13,7 @@ import numpy as np
 from isal.isal_zlib import crc32
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import flag, whole
+from ..base.arguments import flag, whole
 from .board import CHANNELS, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
 from .codes import BLOCK_BYTES, CHECKSUM_OFFSET, NOW
 

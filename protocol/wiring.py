@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import array_of, whole
+from ..base.arguments import array_of, whole
 from .board import (
     BOARDS,
     CHANNELS,

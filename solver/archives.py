@@ -9,8 +9,8 @@ from typing import IO, Any
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from ..errors import InputFileError
-from ..storage import FilePath, open_plain, open_zip
+from ..base.errors import InputFileError
+from ..base.storage import FilePath, open_plain, open_zip
 
 __all__ = ["MOST_BYTES", "read_array", "read_arrays"]
 

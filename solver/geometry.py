@@ -9,7 +9,7 @@ from typing import Any, Generic, Protocol, TypeAlias, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import FARTHEST, array_of, real
+from ..base.arguments import FARTHEST, array_of, real
 
 __all__ = [
     "Movable",

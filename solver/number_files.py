@@ -6,7 +6,7 @@ import csv
 import re
 from collections.abc import Iterable, Sequence
 
-from ..arguments import spelt
+from ..base.arguments import spelt
 
 __all__ = ["csv_rows", "text_rows"]
 

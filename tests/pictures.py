@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.transforms import Affine2D, Bbox
-from phasewire.pictures import COLUMN, printed
+from phasewire.base.pictures import COLUMN, printed
 
 __all__ = ["faults_of"]
 

@@ -17,6 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 from phasewire import Device, Emulator, Pulses, open_device
+from phasewire.base.errors import DeviceError
 from phasewire.emulator.faults import (
     BusReset,
     BusSuspended,
@@ -32,8 +33,7 @@ from phasewire.emulator.faults import (
     StalledEndpoint,
     Unplugged,
 )
-from phasewire.errors import DeviceError
-from phasewire.host.playing.streaming import StreamReport
+from phasewire.host.streaming.streaming import StreamReport
 from phasewire.protocol.board import CORE_HZ
 from phasewire.protocol.codes import State
 

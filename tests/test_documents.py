@@ -24,9 +24,9 @@ from phasewire.cli.commands import command_line
 from phasewire.cli.settings import each_command
 from phasewire.hil.conformance.cases import Need
 from phasewire.hil.conformance.clauses import requirements
+from phasewire.hil.conformance.mutants.catalogue import MUTANTS
+from phasewire.hil.conformance.mutants.processors import known_mutants
 from phasewire.hil.conformance.running import catalogue
-from phasewire.mutants.catalogue import MUTANTS
-from phasewire.mutants.processors import known_mutants
 from typer.core import TyperGroup
 
 ROOT = Path(__file__).parents[1]
@@ -205,7 +205,7 @@ NUMBERS = {
     ("docs/how-to/conformance.md", rf"Of {MANY} cases and parts"): "cases",
     ("docs/how-to/usb_device.md", rf"Of its\s+{MANY} cases"): "cases",
     ("docs/how-to/usb_device.md", r"cases (\d+) need a capture"): "cases that need a capture",
-    ("reference/README.md", rf"of {MANY} cases pass"): "cases",
+    ("firmware/README.md", rf"of {MANY} cases pass"): "cases",
 }
 """Where documents count, and what they count there."""
 
@@ -225,7 +225,7 @@ def count_of(what: str) -> int:
         case "mutants of firmware":
             return len(known_mutants())
         case _:
-            files = sorted((ROOT / "reference/mutants").glob("*.toml"))
+            files = sorted((ROOT / "hil/conformance/mutants/core").glob("*.toml"))
             return sum(len(tomllib.loads(file.read_text(encoding="utf-8"))) for file in files)
 
 

@@ -15,10 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phasewire import read_mesh, read_rig, read_volume_mesh
+from phasewire.base.errors import ImageError, InputFileError
+from phasewire.base.storage import FilePath, read_toml
 from phasewire.cli.points import spoken
 from phasewire.emulator.firmware.flash import Flash
 from phasewire.emulator.scenario import read_scenario
-from phasewire.errors import ImageError, InputFileError
+from phasewire.firmware.xs1.assembler import AssemblySource
 from phasewire.hil.conformance.sight.sigrok import SessionFile
 from phasewire.hil.conformance.tables import read_table
 from phasewire.hil.sweep.files import read_sweep
@@ -28,14 +30,12 @@ from phasewire.host.firmware.keys import read_private_key, read_public_keys
 from phasewire.host.hands.leap_recording import read_leap_recording
 from phasewire.host.hands.pose import Pose
 from phasewire.host.hands.recording import HandRecording
-from phasewire.host.playing.calibration import Calibration
-from phasewire.host.playing.recording import Recording
+from phasewire.host.streaming.calibration import Calibration
+from phasewire.host.streaming.recording import Recording
 from phasewire.solver.acoustics.aperture import Aperture
 from phasewire.solver.acoustics.array_files import read_transducers
 from phasewire.solver.archives import read_array, read_arrays
 from phasewire.solver.shapes.point_files import read_points
-from phasewire.storage import FilePath, read_toml
-from phasewire.xs1.assembler import AssemblySource
 
 READERS: dict[str, Callable[[FilePath], object]] = {
     "settings.toml": read_toml,

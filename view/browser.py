@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..errors import MissingExtraError, PhasewireError
-from ..storage import write_file
+from ..base.errors import MissingExtraError, PhasewireError
+from ..base.storage import write_file
 from .view import View
 
 __all__ = ["open_page", "saved_from", "suffix_of"]

@@ -17,19 +17,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import FARTHEST
-from ..errors import InputFileError
+from ..base.arguments import FARTHEST
+from ..base.errors import InputFileError
+from ..base.storage import open_plain
 from ..host.hands.recording import SUFFIX as HANDS
 from ..host.hands.recording import HandRecording
-from ..host.playing.recording import SUFFIX as FRAMES
-from ..host.playing.recording import Recording
+from ..host.streaming.recording import SUFFIX as FRAMES
+from ..host.streaming.recording import Recording
 from ..host.touching.log import FORMAT
 from ..host.touching.log import LOG_SUFFIX as TOUCH
 from ..protocol.board import CARRIER_HZ
 from ..protocol.quantise import PulseFrames, check_pulses
 from ..solver import TransducerArray
 from ..solver.contact.hand import Hand
-from ..storage import open_plain
 from .settings import Settings
 from .snapshot import Emitter, Snapshot
 from .view import View

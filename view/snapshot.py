@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..host.playing.calibration import Calibration
+from ..host.streaming.calibration import Calibration
 from ..host.touching.fading import Fading
 from ..protocol.quantise import PulseFrames
 from ..protocol.wiring import Wiring

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from threading import Event, Thread
 
+from ..base.errors import DeviceError, DeviceRefusedError
 from ..emulator import Emulator
-from ..errors import DeviceError, DeviceRefusedError
 from ..host import Device
 from ..protocol.codes import Reason
 

@@ -22,12 +22,12 @@ from math import inf
 from types import TracebackType
 from typing import Any, Self
 
+from ..base.errors import DeviceError, DeviceRefusedError, InputFileError, PhasewireError
 from ..emulator import Emulator
 from ..emulator.faults import FAULTS, InjectedFault
 from ..emulator.faults.fault import limits
 from ..emulator.faults.limits import Whole
 from ..emulator.scenario import fault_of
-from ..errors import DeviceError, DeviceRefusedError, InputFileError, PhasewireError
 from ..host import Device
 from ..host.hands.frames import HandFrame
 from ..host.hands.sources import HandSource

@@ -14,8 +14,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.errors import DeviceError
 from ..emulator import Capture, Emulator
-from ..errors import DeviceError
 from ..host import Device
 from ..host.touching.loop import TouchLoop, TouchMoment
 from ..host.touching.report import TouchReport

@@ -13,9 +13,9 @@ from typing import Any, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import FARTHEST, array_of, as_drives
-from ..errors import PhasewireError
-from ..pictures import BLUE, CYCLIC, GREEN, LIGHT, ORANGE, RED, SEQUENTIAL
+from ..base.arguments import FARTHEST, array_of, as_drives
+from ..base.errors import PhasewireError
+from ..base.pictures import BLUE, CYCLIC, GREEN, LIGHT, ORANGE, RED, SEQUENTIAL
 from ..protocol.board import BOARDS, CARRIER_HZ, CHANNELS_PER_PROCESSOR, HALF_TICKS_PER_PERIOD, PROCESSORS_PER_BOARD
 from ..protocol.pulses import Pulses
 from ..protocol.wiring import Pin

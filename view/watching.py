@@ -10,7 +10,7 @@ import numpy as np
 
 from ..emulator import Emulator
 from ..host import Device, StreamReport
-from ..host.playing.frames import Frame, Frames, frame_source
+from ..host.streaming.frames import Frame, Frames, frame_source
 from ..host.touching.loop import TouchLoop, TouchMoment
 from ..host.touching.turns import Alternation
 from ..solver import ControlPoints, TransducerArray

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from emulation import Entry, Scene, main
 from phasewire import Capture, Emulator, Pulses, TransducerArray
-from phasewire.hil.air import Playback
-from phasewire.host.lines.opening import open_transport
+from phasewire.hil.sound.air import Playback
+from phasewire.host.transports.opening import open_transport
 from phasewire.protocol import AmplitudeModulation, Block, Entries, PlaySequence, Samples, Slot, pack
 from phasewire.protocol.blocks import Entry as Step
 from phasewire.protocol.board import CARRIER_HZ, TICKS_PER_PERIOD

@@ -16,8 +16,8 @@ from time import perf_counter, process_time
 
 import numpy as np
 from phasewire import Pulses
-from phasewire.host.lines.serial_line import BLOCK_FRAME_BYTES
-from phasewire.host.playing.device import Device, open_device
+from phasewire.host.streaming.device import Device, open_device
+from phasewire.host.transports.serial_line import BLOCK_FRAME_BYTES
 from phasewire.protocol import PulseFrames
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS
 from phasewire.protocol.framing import UART_BITS_PER_BYTE

@@ -19,8 +19,8 @@ from contextlib import contextmanager
 from itertools import count
 from typing import Any
 
-from phasewire.host.lines.transport import Timekeeper
-from phasewire.host.playing.device import Device
+from phasewire.host.streaming.device import Device
+from phasewire.host.transports.transport import Timekeeper
 from phasewire.protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request, StandardRequest
 from phasewire.protocol.enumeration import CONFIGURATION_VALUE, ENDPOINT_IN, ENDPOINT_OUT
 from phasewire.protocol.requests import DIRECTION_IN, Setup

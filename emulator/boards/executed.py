@@ -12,13 +12,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ...firmware.xs1.core import Core, Sent, Stop
+from ...firmware.xs1.names import PORT_IDS
+from ...firmware.xs1.state import CHANNEL_ENDS
+from ...firmware.xs1.switch import CONTROL, SWITCH_CONFIGURATION, XLINK, LinkField, Switch, serve
 from ...protocol.board import CYCLES_PER_MS, CYCLES_PER_TICK
 from ...protocol.codes import CONTROLLER_NODE, END_TOKEN, UNNUMBERED_NODE
 from ...protocol.timing import Link
-from ...xs1.core import Core, Sent, Stop
-from ...xs1.names import PORT_IDS
-from ...xs1.state import CHANNEL_ENDS
-from ...xs1.switch import CONTROL, SWITCH_CONFIGURATION, XLINK, LinkField, Switch, serve
 from ..ports.capture import Track
 from ..ports.clock import BoardClock, Timebase
 from ..ports.recording import PortRecording

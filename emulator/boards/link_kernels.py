@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...compiling import kernel
+from ...base.compiling import kernel
 
 __all__ = ["carry"]
 

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import whole
+from ...base.arguments import whole
 from ...protocol.board import PROCESSORS
 from ...protocol.chain import ROUTE
 from ...protocol.timing import HOP_CYCLES, Link

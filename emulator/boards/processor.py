@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ChainError
+from ...base.errors import ChainError
 from ...protocol.board import (
     CYCLES_PER_MS,
     CYCLES_PER_PERIOD,

@@ -7,7 +7,7 @@ and what is stored; it changes neither, and it counts and answers nothing.
 
 from __future__ import annotations
 
-from ...errors import BlockError
+from ...base.errors import BlockError
 from ...protocol.blocks import AmplitudeModulation, Block, Body, Entries, Output, PlaySequence, Samples, Slot, Update
 from ...protocol.codes import HORIZON_PERIODS, SILENCING_FAULTS, Reason
 from ...protocol.numbering import follows

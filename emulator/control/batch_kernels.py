@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compiling import kernel
+from ...base.compiling import kernel
 from ...protocol.board import CYCLES_PER_PERIOD
 from ...protocol.numbering import follows, missing
 from .admission import judge_numbers

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import ChainError
+from ...base.errors import ChainError
 from ...protocol.board import CYCLES_PER_MS, PROCESSORS
 from ...protocol.chain import (
     SLICE_BYTES,

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import BlockError
+from ...base.errors import BlockError
 from ...protocol.blocks import Block, Clock, Update, unpack
 from ...protocol.board import CHANNELS, TICKS_PER_PERIOD
 from ...protocol.chain import Identity

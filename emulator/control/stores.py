@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...errors import BlockError
+from ...base.errors import BlockError
 from ...protocol.blocks import AmplitudeModulation, Entries, PlaySequence, Samples, Slot
 from ...protocol.codes import MODULATION_SAMPLES, SEQUENCE_ENTRIES, SLOTS, Reason
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from ...errors import ChainError
+from ...base.errors import ChainError
 from ...protocol.board import CYCLES_PER_MS, PROCESSORS, TICKS_PER_PERIOD
 from ...protocol.chain import Collect, Identity, Playing, Report, decode
 from ...protocol.codes import COLLECT_MS, COLLECTIONS_MISSED, DEAF_MS, SYNC_PERIODS, Bank, ChannelEnd, Fault

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Self, TypeVar
 from urllib.parse import parse_qsl
 
-from ...errors import DeviceUrlError, ImageError, InputFileError
+from ...base.errors import DeviceUrlError, ImageError, InputFileError
+from ...base.storage import read_file
 from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 from ...protocol.firmware import Image, parse
 from ...protocol.framing import BAUD
 from ...protocol.timing import FIVE_WIRE, LINKS, Link
-from ...storage import read_file
 from ..firmware.flash import Flash
 from ..machine import Emulator, FirmwareChoice
 from ..scenario import read_scenario

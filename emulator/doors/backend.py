@@ -21,7 +21,7 @@ from weakref import WeakKeyDictionary
 
 from usb.core import USBError, USBTimeoutError
 
-from ...libusb import SET_CONFIGURATION, Bus, BusHandle, ParsedConfiguration, parsed
+from ...base.libusb import SET_CONFIGURATION, Bus, BusHandle, ParsedConfiguration, parsed
 from ...protocol.board import CORE_HZ, CYCLES_PER_MS
 from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Enumeration, Speed
 from ...protocol.requests import Setup

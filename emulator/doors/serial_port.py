@@ -15,7 +15,7 @@ from weakref import WeakSet
 
 from serial import PortNotOpenError, SerialBase, SerialException, SerialTimeoutException
 
-from ...errors import DeviceNotFoundError
+from ...base.errors import DeviceNotFoundError
 from ...protocol.board import CORE_HZ
 from ..interfaces.serial_line import SerialLine
 from ..interfaces.usb_device import PRODUCT

@@ -30,7 +30,7 @@ from pathlib import Path
 from time import monotonic_ns
 from typing import IO, Protocol, Self
 
-from ...errors import DeviceNotFoundError, ReplyError
+from ...base.errors import DeviceNotFoundError, ReplyError
 from ...protocol.board import CORE_HZ
 from ...protocol.timing import MICROFRAME_CYCLES
 from ..door import Stall

@@ -12,7 +12,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
-from ...errors import ImageError
+from ...base.errors import ImageError
 from ...protocol.codes import (
     CLASS_REQUEST_TYPE_IN,
     CLASS_REQUEST_TYPE_OUT,

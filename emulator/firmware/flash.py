@@ -15,11 +15,11 @@ import numpy as np
 from numpy.random import default_rng  # not when it is used: a Ctrl-C would be lost while it loads
 from numpy.typing import NDArray
 
-from ...errors import InputFileError
+from ...base.errors import InputFileError
+from ...base.storage import FilePath, read_file, write_file
 from ...protocol.board import CYCLES_PER_MS
 from ...protocol.codes import FLASH_BANK_BYTES, FLASH_SECTOR_BYTES, Bank
 from ...protocol.dfu import PAGE_BYTES, PAGE_PROGRAM_MS, SECTOR_ERASE_MS
-from ...storage import FilePath, read_file, write_file
 from ..scheduler import Scheduler
 
 __all__ = ["CYCLES_PER_MS", "FLASH_BYTES", "Defects", "Flash", "FlashTimes"]

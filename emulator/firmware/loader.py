@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...errors import DeviceError, InputFileError
-from ...extras import needing
+from ...base.errors import DeviceError, InputFileError
+from ...base.extras import needing
 from ...protocol.board import PROCESSORS
 from ...protocol.codes import FLASH_SECTOR_BYTES, Bank, Fault, Target
 from ...protocol.firmware import BootRecord, Image, Segment, boot_order

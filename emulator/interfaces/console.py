@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import NamedTuple, Protocol
 
-from ...errors import BlockError, CommandError
+from ...base.errors import BlockError, CommandError
 from ...protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, ConsoleCode, Reason, State
 from ...protocol.console import (
     COMMANDS,

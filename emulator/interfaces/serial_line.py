@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
-from ...errors import FrameError
+from ...base.errors import FrameError
 from ...protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, FrameKind, Outcome, Request
 from ...protocol.framing import (
     CONSOLE_FRAME,

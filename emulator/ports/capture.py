@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import stretch, whole
-from ...pictures import Drawable, axes_or_new
+from ...base.arguments import stretch, whole
+from ...base.pictures import Drawable, axes_or_new
 from ...protocol.board import (
     CHANNELS,
     CHANNELS_PER_PROCESSOR,

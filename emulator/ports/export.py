@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...base.storage import FilePath
 from ...protocol.board import BOARDS, CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS_PER_BOARD
 from ...protocol.wiring import Wiring
-from ...storage import FilePath
 from ..trace import Signal
 from .excerpt import Excerpt, PortBits
 from .sigrok import write_sigrok

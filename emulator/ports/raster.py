@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba.cpython.unsafe.numbers import trailing_zeros
 
-from ...compiling import kernel
+from ...base.compiling import kernel
 from ...protocol.board import CHANNELS_PER_PROCESSOR, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 
 __all__ = ["demodulate", "emit", "expand"]

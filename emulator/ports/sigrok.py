@@ -10,8 +10,8 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import numpy as np
 
+from ...base.storage import FilePath, replacing
 from ...protocol.board import TICK_HZ
-from ...storage import FilePath, replacing
 from .excerpt import Excerpt
 
 __all__ = ["write_sigrok"]

@@ -17,9 +17,9 @@ from typing import Any, TextIO, TypeAlias
 from vcd import VCDWriter
 from vcd.writer import Variable
 
+from ...base.storage import FilePath, replacing
 from ...protocol.board import CORE_HZ, CYCLES_PER_TICK, TICK_HZ
 from ...protocol.wiring import Pin
-from ...storage import FilePath, replacing
 from ..trace import Signal
 from .excerpt import Excerpt
 

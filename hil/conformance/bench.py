@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import DeviceError, DeviceVersionError, InputFileError, ReplyError
+from ...base.errors import DeviceError, DeviceVersionError, InputFileError, ReplyError
 from ...protocol.blocks import Block, Body, Change, NoOp, Slot, Update, pack
 from ...protocol.board import CARRIER_HZ, CHANNELS, MAX_WIDTH_TICKS, TICK_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import (
@@ -52,16 +52,16 @@ from ...protocol.replies import (
 )
 from ...protocol.requests import VALUES, Setup
 from ...protocol.wiring import Wiring
-from ..traffic import Traffic
+from ..traffic.traffic import Traffic
 from .cases import NOT_USB, Inconclusive, Need, Risk, TooSlow, unmet
 from .levers import METHODS, LeverFailed, PluggedLevers
-from .lines.line import RawLine
-from .lines.serial import CdcWire, RawSerialLine
-from .lines.usb import RawUsbLine
 from .log import CaseLog
 from .profile import Profile
 from .sight.capture import Observer, Seen, Unseen
 from .sight.marks import MARK_PULSES, Mark
+from .transports.line import RawLine
+from .transports.serial import CdcWire, RawSerialLine
+from .transports.usb import RawUsbLine
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey

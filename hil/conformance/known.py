@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 
-from ...storage import FilePath
+from ...base.storage import FilePath
 from .tables import read_table
 
 __all__ = ["read_known_failures"]

@@ -16,10 +16,10 @@ from functools import wraps
 from types import MappingProxyType
 from typing import Any
 
+from ...base.errors import BenchError
 from ...emulator import Emulator
 from ...emulator.boards.sync import SyncLine
 from ...emulator.faults import InjectedFault
-from ...errors import BenchError
 from ...protocol.board import CORE_HZ, CYCLES_PER_MS
 from ...protocol.codes import StandardRequest
 from ...protocol.requests import Setup

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from ...protocol.describe import Description, describe_request
 from ...protocol.framing import DELIMITER
 from ...protocol.requests import Setup
-from ..traffic import DESCRIBERS, Traffic, cut, is_frame
+from ..traffic.traffic import DESCRIBERS, Traffic, cut, is_frame
 from .verdicts import Evidence
 
 __all__ = ["CaseLog"]

@@ -13,7 +13,7 @@ from functools import reduce
 
 import pytest
 
-from ...errors import DeviceError, ReplyError
+from ...base.errors import DeviceError, ReplyError
 from ...protocol.codes import Feature
 from .bench import OUTPUTS, Bench, Lost
 from .cases import NOT_USB, Case, Inconclusive, Need, NotApplicable, Risk, Row, TooSlow, case_of, not_allowed, unmet

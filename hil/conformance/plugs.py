@@ -10,7 +10,7 @@ from typing import Any
 
 from ...emulator import Emulator
 from ...emulator.machine import open_emulator
-from ...host.lines.opening import entries
+from ...host.transports.opening import entries
 
 __all__ = ["named_emulator", "opener"]
 

@@ -25,10 +25,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from ...base.storage import FilePath
 from ...emulator.ports.export import chosen_channels
 from ...protocol.codes import PROTOCOL_REVISION
 from ...protocol.wiring import Wiring
-from ...storage import FilePath
 from .clauses import changes
 from .tables import Table, read_table
 

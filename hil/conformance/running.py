@@ -18,30 +18,30 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from ...base.errors import DeviceNotFoundError
+from ...base.signals import SIGNALLED
 from ...emulator import Emulator
 from ...emulator.doors.address import EmulatorUrl
 from ...emulator.firmware.flash import Flash
 from ...emulator.firmware.loader import DeviceIdentity, make_flash
 from ...emulator.machine import FirmwareChoice, open_emulator
-from ...errors import DeviceNotFoundError
-from ...host.lines.opening import SCHEMES, entries, load_by_scheme
-from ...host.lines.serial_line import PORTS
-from ...host.lines.usb_find import BACKENDS
+from ...host.transports.opening import SCHEMES, entries, load_by_scheme
+from ...host.transports.serial_line import PORTS
+from ...host.transports.usb_find import BACKENDS
 from ...protocol.codes import PROTOCOL_REVISION, PROTOCOL_VERSION, Target
 from ...protocol.firmware import Image, Segment, sign
 from ...protocol.versions import Version
 from ...protocol.wiring import Wiring
-from ...signals import SIGNALLED
 from .bench import Bench
 from .cases import Risk
 from .levers import open_levers
-from .lines.line import RawLine
-from .lines.serial import CdcWire, PortWire, RawSerialLine
-from .lines.usb import RawUsbLine
 from .plugin import Catalogue, CatalogueCase, Judge, Watcher
 from .profile import Profile
 from .sight.opening import capture_of
 from .tools.clocks import load_average
+from .transports.line import RawLine
+from .transports.serial import CdcWire, PortWire, RawSerialLine
+from .transports.usb import RawUsbLine
 from .verdicts import Provenance, Run, signal_name
 
 if TYPE_CHECKING:
@@ -344,7 +344,7 @@ def _flash(key: Ed25519PrivateKey | None, firmware: Image | FirmwareChoice) -> F
         segments = (Segment(Target.ALL_PROCESSORS, bytes(range(1, 256)) * 21), Segment(Target.CONTROLLER, bytes(6000)))
         image = Image(Version(1, 0, 0), segments)
     elif firmware == "xs1":
-        from ...firmware.images import device_image
+        from ...firmware.xmos.images import device_image
 
         image = device_image()
     else:

@@ -11,8 +11,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from ...errors import InputFileError
-from ...storage import FilePath, read_toml
+from ...base.errors import InputFileError
+from ...base.storage import FilePath, read_toml
 
 __all__ = ["Table", "read_table"]
 

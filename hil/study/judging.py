@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...extras import needing
+from ...base.extras import needing
 
 __all__ = ["PAPER_TRIALS", "TABLE_1", "UNPLACED", "Confusion", "answered", "chance_at_most", "judged", "learners"]
 

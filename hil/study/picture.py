@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...pictures import BLUE, ORANGE, new_figure
+from ...base.pictures import BLUE, ORANGE, new_figure
 from .judging import PAPER_TRIALS, TABLE_1, Confusion
 from .pointer import HAJAS, WAYS
 

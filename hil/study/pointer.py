@@ -27,7 +27,7 @@ from ...host import open_device
 from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from ...solver import Circle, Polygon, Solver, TransducerArray
 from ...solver.rendering.outline import Outline
-from ..emission import emitted_waves
+from ..sound.emission import emitted_waves
 from .judging import Confusion, answered, judged
 from .sensing import EVERY, HAND_ERROR, SPACING, WINDOW_SECONDS, blurred, cells_of, noticed, over_time
 

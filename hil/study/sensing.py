@@ -26,7 +26,7 @@ from ...feel.perception import felt_map, radiation_pressures
 from ...feel.unfolding import SkinPlaces, Unfolded
 from ...protocol.board import CARRIER_HZ
 from ...solver import TransducerArray
-from ..emission import emitted_waves
+from ..sound.emission import emitted_waves
 from .persons import Exploration
 from .trials import PlayedTrial
 

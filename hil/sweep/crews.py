@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from threadpoolctl import threadpool_limits
 
-from ...errors import ClusterError, ClusterNotFoundError
-from ...extras import needing
+from ...base.errors import ClusterError, ClusterNotFoundError
+from ...base.extras import needing
 from ...solver import ControlPoints
 from .design import Design
 from .journal import RowResult

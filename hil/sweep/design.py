@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, Self, get_args
 
-from ...arguments import spelt
+from ...base.arguments import spelt
 from ...protocol.board import COLUMNS, PITCH_M, ROWS
 from ...solver import TransducerArray
 from ...solver.acoustics.transducer import MODELS, TRANSDUCERS

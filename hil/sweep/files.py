@@ -20,12 +20,12 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InputFileError
+from ...base.errors import InputFileError
+from ...base.storage import FilePath, read_text, read_toml
 from ...solver import ControlPoints, parse_shape, read_points
 from ...solver.methods.solve import check_size
 from ...solver.shapes.point_files import POINT_FILES
 from ...solver.shapes.points import check_reachable
-from ...storage import FilePath, read_text, read_toml
 from .design import FIELDS, Design
 
 __all__ = ["MOST_ROWS", "SWEEP_FILES", "Sweep", "read_sweep"]

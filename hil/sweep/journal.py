@@ -16,8 +16,8 @@ from time import monotonic
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
-from ...errors import InputFileError
-from ...storage import claimed
+from ...base.errors import InputFileError
+from ...base.storage import claimed
 from .measures import MEASURES, Measures
 
 __all__ = ["Journal", "RowResult", "journal_path"]

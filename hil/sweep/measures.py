@@ -144,7 +144,7 @@ def measure(design: Design, points: ControlPoints) -> Measures:
 
 def _heard(design: Design, emission: BuiltArray) -> float | None:
     """The A-weighted level at the louder ear, if the drive is modulated by a sine."""
-    from ..emission_kernels import ring_up  # importing numba takes half a second
+    from ..sound.emission_kernels import ring_up  # importing numba takes half a second
 
     frames, slots = Modulation.sine(emission.drive, design.modulation_hz).slots()
     rounded = np.stack([quantised(frame, design) for frame in frames])

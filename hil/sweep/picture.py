@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...pictures import BLUE, LANDSCAPE, new_figure
+from ...base.pictures import BLUE, LANDSCAPE, new_figure
 from .design import FIELDS
 from .results import PROBLEM, Results
 

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...errors import InputFileError
-from ...extras import needing
-from ...storage import FilePath, open_plain, replacing
+from ...base.errors import InputFileError
+from ...base.extras import needing
+from ...base.storage import FilePath, open_plain, replacing
 from .design import FIELDS, UNITS
 from .files import MOST_ROWS, Sweep
 from .journal import RowResult

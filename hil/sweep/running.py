@@ -7,9 +7,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
-from ...errors import InputFileError
-from ...extras import needing
-from ...storage import FilePath, check_outputs
+from ...base.errors import InputFileError
+from ...base.extras import needing
+from ...base.storage import FilePath, check_outputs
 from .crews import LIBRARIES, PROCESSES, Crew, Task, check_crew, open_crew
 from .files import Sweep
 from .journal import Journal, journal_path

@@ -15,13 +15,13 @@ from pathlib import Path
 import usb.core
 import usb.util
 
-from ...errors import DeviceNotFoundError
+from ...base.errors import DeviceNotFoundError
 from ...protocol.board import CORE_HZ
 from ...protocol.codes import BLOCK_BYTES
 from ...protocol.enumeration import ARRAY_INTERFACE, CONSOLE_DATA_INTERFACE, CONSOLE_INTERFACE, FULL_SPEED
 from ...protocol.timing import FULL_SPEED_PACKET_CYCLES
-from ..lines.libusb import open_backend
-from ..lines.usb_find import INSTALL_RULE, Sighting
+from ..transports.libusb import open_backend
+from ..transports.usb_find import INSTALL_RULE, Sighting
 from .discovery import search
 from .findings import Judgement, fail, ok, skipped, warn
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import DeviceRefusedError
+from ...base.errors import DeviceRefusedError
 from ...protocol.board import TICK_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import (
     COLLECT_MS,
@@ -30,10 +30,10 @@ from ...protocol.codes import (
 from ...protocol.pulses import Pulses
 from ...protocol.replies import Info, ProcessorReport
 from ...protocol.versions import Version
-from ..playing.clock import Reading
-from ..playing.device import Device
-from ..playing.ledger import DAMAGE
-from ..playing.session import watchdog_ms
+from ..streaming.clock import Reading
+from ..streaming.device import Device
+from ..streaming.ledger import DAMAGE
+from ..streaming.session import watchdog_ms
 from .findings import CLEAR_FAULTS, FLASH, RESET, Judgement, fail, listed, ok, skipped, warn
 
 __all__ = ["DEVICE_CHECKS", "QUIET_CHECKS", "as_found"]

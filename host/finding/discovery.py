@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from ...errors import DeviceNotFoundError
-from ..lines.opening import SCHEMES, entries
-from ..lines.transport import Found, Scheme
+from ...base.errors import DeviceNotFoundError
+from ..transports.opening import SCHEMES, entries
+from ..transports.transport import Found, Scheme
 
 __all__ = ["Search", "search"]
 

@@ -12,7 +12,7 @@ from contextlib import closing, suppress
 from typing import TypeVar
 from urllib.parse import parse_qs
 
-from ...errors import (
+from ...base.errors import (
     DeviceAccessError,
     DeviceError,
     DeviceLostError,
@@ -21,9 +21,9 @@ from ...errors import (
     DeviceTimeoutError,
     DeviceVersionError,
 )
-from ..lines.opening import MEANT, entries
-from ..lines.usb_find import BACKENDS, RUN_TIME, Sighting, UsbFinder
-from ..playing.device import Device, open_device
+from ..streaming.device import Device, open_device
+from ..transports.opening import MEANT, entries
+from ..transports.usb_find import BACKENDS, RUN_TIME, Sighting, UsbFinder
 from .computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer
 from .device_checks import DEVICE_CHECKS, QUIET_CHECKS, as_found
 from .discovery import search

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ...errors import DeviceError
+from ...base.errors import DeviceError
 from ...protocol.codes import State
 from ...protocol.plain import flag_names
 from ...protocol.replies import Status
-from ..playing.common_clock import CommonClock
-from ..playing.device import open_device
-from ..playing.group import open_devices
-from ..playing.rig import RigDevice
+from ..streaming.common_clock import CommonClock
+from ..streaming.device import open_device
+from ..streaming.group import open_devices
+from ..streaming.rig import RigDevice
 
 __all__ = ["RigLook", "SeenDevice", "look_at_rig"]
 

@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import TrackerError
+from ...base.errors import TrackerError
 from ...solver.contact.anatomy import NEUTRAL
 from ..hands.frames import HandFrame, TrackedHand
 from ..hands.liveness import Liveness, Stale
 from ..hands.sources import HandSource
-from ..lines.transport import Timekeeper
+from ..transports.transport import Timekeeper
 from .findings import Finding, Judgement, fail, listed, ok, skipped, warn
 
 __all__ = ["TRACKER_CHECKS", "Watched", "examine_tracker", "watch"]

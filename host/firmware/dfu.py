@@ -15,7 +15,7 @@ from typing import Self
 import usb.core
 import usb.util
 
-from ...errors import DeviceError, DeviceRefusedError, DeviceStalledError, DeviceTimeoutError
+from ...base.errors import DeviceError, DeviceRefusedError, DeviceStalledError, DeviceTimeoutError
 from ...protocol.codes import (
     CLASS_REQUEST_TYPE_IN,
     CLASS_REQUEST_TYPE_OUT,
@@ -31,8 +31,8 @@ from ...protocol.codes import (
 from ...protocol.dfu import BUSY_LONGEST_MS, DfuReply
 from ...protocol.enumeration import ARRAY_INTERFACE, DFU_INTERFACE
 from ...protocol.requests import Setup
-from ..lines.transport import understood
-from ..lines.usb_find import Sighting, configure, control, opened, translated
+from ..transports.transport import understood
+from ..transports.usb_find import Sighting, configure, control, opened, translated
 
 __all__ = ["DfuLine", "detach"]
 

@@ -17,7 +17,7 @@ from typing import NamedTuple, TypeVar
 
 import usb.util
 
-from ...errors import (
+from ...base.errors import (
     DeviceError,
     DeviceLostError,
     DeviceStalledError,
@@ -31,8 +31,8 @@ from ...protocol.firmware import Trust
 from ...protocol.replies import ANSWER_BYTES, Info, ProcessorReport, decode_reports
 from ...protocol.requests import Setup
 from ...protocol.versions import Version
-from ..lines.transport import understood
-from ..lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, DeviceMode, Sighting, UsbFinder, control, opened
+from ..transports.transport import understood
+from ..transports.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, DeviceMode, Sighting, UsbFinder, control, opened
 from .dfu import DfuLine, detach
 from .images import Firmware
 

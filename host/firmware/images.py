@@ -6,11 +6,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
-from ...errors import ImageError
+from ...base.errors import ImageError
+from ...base.storage import FilePath
+from ...base.storage import read_file as read_bounded
 from ...protocol.codes import ImageReason
 from ...protocol.firmware import Image, Suffix, Trust, split_suffix, trust
-from ...storage import FilePath
-from ...storage import read_file as read_bounded
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey

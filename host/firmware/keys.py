@@ -12,11 +12,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from ...errors import ImageError, InputFileError
-from ...extras import needing
+from ...base.errors import ImageError, InputFileError
+from ...base.extras import needing
+from ...base.storage import FilePath, read_file
 from ...protocol.codes import ImageReason
 from ...protocol.firmware import Image, Trust, parse, trust
-from ...storage import FilePath, read_file
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey

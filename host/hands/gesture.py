@@ -13,9 +13,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import spelt
+from ...base.arguments import spelt
 from ...solver.contact.hand import Hand, Side
-from ..lines.transport import Timekeeper
+from ..transports.transport import Timekeeper
 from .frames import HandFrame, TrackedHand
 from .sources import PlayedHands, Readiness, read_options
 

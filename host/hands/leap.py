@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
-from ...errors import TrackerError, TrackerLostError, TrackerNotFoundError
+from ...base.errors import TrackerError, TrackerLostError, TrackerNotFoundError
 from ...solver.contact.hand import Hand
-from ..lines.transport import Timekeeper
+from ..transports.transport import Timekeeper
 from .frames import HandFrame
 from .leap_frames import hands_of, whole
 from .leap_recording import PACKED_SUFFIX, SUFFIX, read_leap_recording

@@ -12,8 +12,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-from ...errors import InputFileError
-from ...storage import FilePath, read_text
+from ...base.errors import InputFileError
+from ...base.storage import FilePath, read_text
 from .frames import HandFrame
 from .leap_frames import hands_of, whole
 from .lz_string import decompress

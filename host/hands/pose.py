@@ -8,12 +8,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import real
-from ...errors import InputFileError
+from ...base.arguments import real
+from ...base.errors import InputFileError
+from ...base.storage import FilePath, read_toml
 from ...solver.contact.hand import Hand
 from ...solver.geometry import as_points, as_position, as_rotation, frozen, place
 from ...solver.placement import PLACEMENT_KEYS, read_placement, table_numbers
-from ...storage import FilePath, read_toml
 from .frames import HandFrame
 
 __all__ = ["Pose"]

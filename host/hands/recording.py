@@ -19,10 +19,10 @@ from typing import Any, BinaryIO, Self
 
 import numpy as np
 
-from ...errors import InputFileError
+from ...base.errors import InputFileError
+from ...base.storage import FilePath, GrowingFile, growing, open_plain
 from ...solver.contact.hand import Hand
-from ...storage import FilePath, GrowingFile, growing, open_plain
-from ..lines.transport import Timekeeper
+from ..transports.transport import Timekeeper
 from .frames import HandFrame, TrackedHand
 from .pose import Pose
 from .sources import PlayedHands, Readiness, read_options

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from functools import partial
 from threading import Event, Thread
 
-from ...errors import TrackerError, TrackerLostError
-from ..lines.transport import Timekeeper
+from ...base.errors import TrackerError, TrackerLostError
+from ..transports.transport import Timekeeper
 from .frames import HandFrame
 from .sources import HandFeed, HandSource, open_hands
 

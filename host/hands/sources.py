@@ -17,9 +17,9 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 from urllib.parse import parse_qsl, unquote
 
-from ...errors import TrackerError, TrackerNotFoundError
-from ..lines.opening import entries, load_by_scheme
-from ..lines.transport import Timekeeper
+from ...base.errors import TrackerError, TrackerNotFoundError
+from ..transports.opening import entries, load_by_scheme
+from ..transports.transport import Timekeeper
 from .frames import HandFrame
 
 __all__ = [

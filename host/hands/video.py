@@ -26,11 +26,11 @@ from typing import Any, Protocol, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputFileError, TrackerError, TrackerLostError, TrackerNotFoundError
-from ...extras import install_command, needing
+from ...base.errors import InputFileError, TrackerError, TrackerLostError, TrackerNotFoundError
+from ...base.extras import install_command, needing
+from ...base.storage import FilePath, open_plain, read_file
 from ...solver.contact.hand import Side
-from ...storage import FilePath, open_plain, read_file
-from ..lines.transport import Timekeeper
+from ..transports.transport import Timekeeper
 from .frames import HandFrame
 from .picture_tracker import CameraView, PictureTracker, SeenHand
 from .sources import HandSource, LiveHands, PlayedHands, Readiness, TrackerScheme, read_options

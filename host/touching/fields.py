@@ -13,8 +13,8 @@ from ...solver import ControlPoints, TransducerArray
 from ...solver.rendering.outline import Outline
 from ...solver.rendering.renderer import Renderer
 from ...solver.rendering.ways import Amplitude, Halves, Way
-from ..playing.calibration import Calibration
-from ..playing.limiting import Limit, pulses_within
+from ..streaming.calibration import Calibration
+from ..streaming.limiting import Limit, pulses_within
 from .fading import Fading
 
 __all__ = ["PoseSolver", "PulseCycle"]

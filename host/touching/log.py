@@ -29,7 +29,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...storage import FilePath, GrowingFile, growing
+from ...base.storage import FilePath, GrowingFile, growing
 from ..hands.pose import Pose
 from ..hands.recording import SUFFIX, HandRecorder
 from .loop import TouchMoment

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import DeviceError, DeviceRefusedError, TrackerError
+from ...base.errors import DeviceError, DeviceRefusedError, TrackerError
 from ...protocol.codes import Reason
 from ...solver import TransducerArray
 from ...solver.contact.hand import Hand
@@ -37,9 +37,9 @@ from ...solver.shapes.points import reachable
 from ..hands.frames import HandFrame
 from ..hands.liveness import Liveness
 from ..hands.sources import HandSource
-from ..playing.device import Device
-from ..playing.limiting import Limit
-from ..playing.session import WATCHDOG_BLOCKS
+from ..streaming.device import Device
+from ..streaming.limiting import Limit
+from ..streaming.session import WATCHDOG_BLOCKS
 from .fading import Fading
 from .fields import PoseSolver, PulseCycle
 from .prediction import Predictor

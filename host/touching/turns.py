@@ -31,16 +31,16 @@ from typing import Protocol
 
 import numpy as np
 
-from ...errors import DeviceRefusedError
+from ...base.errors import DeviceRefusedError
 from ...protocol.board import CARRIER_HZ
 from ...protocol.codes import NOW, AckFlag, Reason
 from ...protocol.replies import Ack
 from ...solver.rendering.renderer import LEAST_FRAMES
 from ...solver.rendering.ways import Halves, Way
-from ..playing.clock import DeviceClock, Reading
-from ..playing.cycles import split_steps
-from ..playing.device import Device
-from ..playing.envelopes import sine
+from ..streaming.clock import DeviceClock, Reading
+from ..streaming.cycles import split_steps
+from ..streaming.device import Device
+from ..streaming.envelopes import sine
 from .fields import PulseCycle
 
 __all__ = ["Alternation", "StoredTurns", "StreamedTurns", "Turns", "turns_for"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...errors import BlockError
+from ...base.errors import BlockError
 from ..blocks import (
     AmplitudeModulation,
     Body,

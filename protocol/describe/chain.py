@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...errors import ChainError
+from ...base.errors import ChainError
 from .. import chain
 from .description import Description, Violation, few, plainly
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from construct import ConstructError
 
-from ...errors import ReplyError
+from ...base.errors import ReplyError
 from ..plain import plain
 from ..pulses import Pulses
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...errors import ImageError
+from ...base.errors import ImageError
 from ..codes import ImageReason
 from ..firmware import parse
 from .description import Description, Violation, few

@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Callable
 from typing import Any
 
-from ...errors import ReplyError
+from ...base.errors import ReplyError
 from ..codes import STATUS_MAGIC, Reason
 from ..replies import Ack, ClockReading, Info, ReadBack, Status
 from ..versions import Version

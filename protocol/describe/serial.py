@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ...errors import FrameError
+from ...base.errors import FrameError
 from .. import framing
 from ..codes import FrameKind
 from .blocks import describe_block

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
-from ...errors import ReplyError
+from ...base.errors import ReplyError
 from ..codes import (
     CLASS_REQUEST_TYPE_OUT,
     REQUEST_TYPE_IN,

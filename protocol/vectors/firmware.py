@@ -9,7 +9,7 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from ...errors import ImageError
+from ...base.errors import ImageError
 from ..codes import IMAGE_MAX_BYTES, DfuState, DfuStatus, ImageReason, Target
 from ..dfu import TRANSITIONS, DfuReply, check_block, program_ms, reason_string, status_of
 from ..enumeration import PRODUCT_ID, VENDOR_ID

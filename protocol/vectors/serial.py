@@ -8,7 +8,7 @@ from typing import Any
 
 from cobs import cobs
 
-from ...errors import CommandError, FrameError
+from ...base.errors import CommandError, FrameError
 from ..blocks import pack
 from ..codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, SERIAL_DATA_BYTES, ConsoleCode, FrameKind, Outcome, Request
 from ..console import (

@@ -9,8 +9,8 @@ import os
 from typing import TYPE_CHECKING, Literal, get_args
 from warnings import warn
 
-from ...errors import MissingExtraError
-from ...extras import install_command, needing
+from ...base.errors import MissingExtraError
+from ...base.extras import install_command, needing
 
 if TYPE_CHECKING:
     from jax import Device

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import array_of, length
-from ...errors import InputFileError
-from ...storage import FilePath, open_plain
+from ...base.arguments import array_of, length
+from ...base.errors import InputFileError
+from ...base.storage import FilePath, open_plain
 from ..archives import read_array
 from ..geometry import frozen
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import WIDEST, array_of, as_drives, instance_of, length, whole
-from ...pictures import CYCLIC, MM, Drawable, axes_or_new, colour_bar
+from ...base.arguments import WIDEST, array_of, as_drives, instance_of, length, whole
+from ...base.pictures import CYCLIC, MM, Drawable, axes_or_new, colour_bar
 from ..geometry import Movable, Scalar, as_points, as_position, coincident, counted, extent, frozen
 from .transducer import Transducer
 

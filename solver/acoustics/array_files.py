@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...errors import InputFileError
-from ...storage import FilePath, read_text, read_toml
+from ...base.errors import InputFileError
+from ...base.storage import FilePath, read_text, read_toml
 from ..number_files import csv_rows
 from ..placement import PLACEMENT_KEYS, read_placement, table_numbers
 from .array import TransducerArray

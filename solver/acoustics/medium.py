@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ...arguments import HIGHEST, celsius, flag, instance_of, real
+from ...base.arguments import HIGHEST, celsius, flag, instance_of, real
 
 __all__ = ["Medium", "as_medium"]
 

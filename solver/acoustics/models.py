@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import array_of
+from ...base.arguments import array_of
 from .diffraction import KERNELS, Kernel, face_rings, integrate
 from .medium import Medium, as_medium
 from .transducer import MODELS, Transducer

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import as_drives
+from ...base.arguments import as_drives
 from ..accelerated.devices import Backend, check_backend, device_for
 from ..geometry import PointsLike, as_places
 from .array import TransducerArray, check_array

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from platformdirs import user_cache_path
 
-from ...arguments import real
-from ...errors import InputFileError
-from ...storage import replacing
+from ...base.arguments import real
+from ...base.errors import InputFileError
+from ...base.storage import replacing
 from ..archives import read_arrays
 from ..geometry import frozen
 from .aperture import Aperture

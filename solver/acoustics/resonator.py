@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import real
+from ...base.arguments import real
 from .transducer import Transducer
 
 __all__ = ["OnePole", "Resonator"]

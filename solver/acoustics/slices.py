@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ...arguments import length
+from ...base.arguments import length
 from ..geometry import frozen
 from .aperture import Aperture
 from .diffraction import KERNELS

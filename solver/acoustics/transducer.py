@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...arguments import real, whole
+from ...base.arguments import real, whole
 from .aperture import Aperture
 from .diffraction import KERNELS
 

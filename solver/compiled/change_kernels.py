@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ...compiling import kernel, part
+from ...base.compiling import kernel, part
 
 __all__ = ["follow"]
 

@@ -20,7 +20,7 @@ from numba.extending import register_jitable
 from numpy.polynomial.chebyshev import Chebyshev
 from numpy.polynomial.polynomial import Polynomial
 
-from ...compiling import kernel
+from ...base.compiling import kernel
 from .simd import LANES, if_positive, inverse_root, load, magnitude, nearest, spread, store, total, totals
 
 ROWS = 4

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...compiling import kernel
+from ...base.compiling import kernel
 from .simd import LANES, load, spread, store
 
 __all__ = ["POINTS_AT_ONCE", "WORD_BITS", "place_envelopes", "place_waves", "ring", "sum_bursts", "write_drives"]

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiling import kernel, part
+from ...base.compiling import kernel, part
 
 __all__ = ["Bvh", "build"]
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compiling import part
+from ...base.compiling import part
 from .arcs import KNUCKLE, SAME
 from .hand import QUADS
 

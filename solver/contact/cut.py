@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...compiling import kernel, part
+from ...base.compiling import kernel, part
 from .arcs import Arcs
 from .chain import ALONG, append_arcs
 from .hand import QUADS

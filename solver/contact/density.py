@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compiling import part
+from ...base.compiling import part
 from .curvature import SHARP
 
 __all__ = [

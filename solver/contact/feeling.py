@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compiling import kernel, part
+from ...base.compiling import kernel, part
 from .cut import cut_all
 from .placing import WAIT
 from .scene import Scene

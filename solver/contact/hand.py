@@ -10,8 +10,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import FARTHEST, array_of
-from ...arguments import length as length_of
+from ...base.arguments import FARTHEST, array_of
+from ...base.arguments import length as length_of
 from ..geometry import as_points, as_position, frozen, place, rotation_matrix
 from .anatomy import BONES, FINGERS, LENGTH, NEUTRAL, PALM, PARENTS, WIDTHS, Side, posed
 

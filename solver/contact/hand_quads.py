@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiling import kernel
+from ...base.compiling import kernel
 
 __all__ = ["WRIST", "hand_measures", "hand_quads"]
 

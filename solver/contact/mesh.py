@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import array_of, flag, length
+from ...base.arguments import array_of, flag, length
 from ..geometry import as_points, as_position, as_scale, extent, frozen, place, rotation_matrix
 from .curvature import edge_curvature
 from .edges import edge_tables

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compiling import part
+from ...base.compiling import part
 from . import density
 
 __all__ = ["ANCHOR", "ID", "OBJECT", "QUAD", "WAIT", "anchors", "before", "felt", "targets", "thinned"]

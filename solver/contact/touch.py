@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import flag, length, real, whole
+from ...base.arguments import flag, length, real, whole
 from ..geometry import counted, frozen
 from ..shapes.curves import SPACING
 from ..shapes.points import MAX_POINTS, ControlPoints

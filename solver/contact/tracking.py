@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compiling import kernel, part
+from ...base.compiling import kernel, part
 from . import density, placing
 from .curvature import SHARP
 from .hand import QUADS

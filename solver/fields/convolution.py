@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import as_single, whole
+from ...base.arguments import as_single, whole
 from ..acoustics.array import TransducerArray, check_array
 from ..acoustics.medium import Medium, as_medium
 from ..geometry import frozen

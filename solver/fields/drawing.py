@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...pictures import LIGHT, MM, ON_FIELD, SEQUENTIAL, axes_or_new, colour_bar, fixed_size
+from ...base.pictures import LIGHT, MM, ON_FIELD, SEQUENTIAL, axes_or_new, colour_bar, fixed_size
 from ..methods.solve import Wanted, control_points
 from ..shapes.points import ControlPoints
 from .grid import Grid

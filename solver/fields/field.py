@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import instance_of
-from ...pictures import Drawable
+from ...base.arguments import instance_of
+from ...base.pictures import Drawable
 from ..accelerated.devices import Backend, check_backend, device_for
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium, as_medium

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import instance_of
-from ...errors import InputFileError
-from ...storage import FilePath, replacing
+from ...base.arguments import instance_of
+from ...base.errors import InputFileError
+from ...base.storage import FilePath, replacing
 from ..acoustics.aperture import Aperture
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...pictures import Drawable, axes_or_new
+from ...base.pictures import Drawable, axes_or_new
 from ..acoustics.array import TransducerArray, check_array
 from ..acoustics.medium import Medium, as_medium
 from ..acoustics.propagation import pressure, transfer_matrix

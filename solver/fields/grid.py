@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import array_of, instance_of, length, whole
+from ...base.arguments import array_of, instance_of, length, whole
 from ..geometry import as_points, as_position, frozen, place
 
 __all__ = ["MAX_SAMPLES", "Grid"]

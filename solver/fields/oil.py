@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import array_of, length, real, shown
+from ...base.arguments import array_of, length, real, shown
 from ..acoustics.medium import Medium
 from .grid import Grid
 from .quantities import check_reflection, radiation_pressure

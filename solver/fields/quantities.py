@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import array_of, real
+from ...base.arguments import array_of, real
 from ..acoustics.medium import Medium, as_medium
 
 __all__ = [

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import HIGHEST, array_of, as_drives, real, whole
+from ...base.arguments import HIGHEST, array_of, as_drives, real, whole
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.propagation import Precision, pressure

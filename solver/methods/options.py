@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from ...arguments import real, whole
+from ...base.arguments import real, whole
 
 __all__ = [
     "ALONE",

@@ -11,8 +11,8 @@ from warnings import warn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import array_of, shown, whole
-from ...pictures import Drawable
+from ...base.arguments import array_of, shown, whole
+from ...base.pictures import Drawable
 from ..accelerated.devices import Backend, check_backend, device_for
 from ..acoustics.array import TransducerArray, check_array
 from ..acoustics.medium import Medium, as_medium

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...pictures import Drawable
+from ...base.pictures import Drawable
 from ..acoustics.array import TransducerArray, check_array
 from ..acoustics.medium import Medium, as_medium
 from ..acoustics.propagation import Precision, pressure

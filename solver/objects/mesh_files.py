@@ -22,10 +22,10 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import real
-from ...errors import InputFileError, MissingExtraError
-from ...extras import needing
-from ...storage import FilePath, read_file
+from ...base.arguments import real
+from ...base.errors import InputFileError, MissingExtraError
+from ...base.extras import needing
+from ...base.storage import FilePath, read_file
 from ..contact.mesh import MOST_FACES, Mesh, Solid
 from ..contact.repair import OpenSurfaceError
 

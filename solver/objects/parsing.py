@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import FARTHEST, real
+from ...base.arguments import FARTHEST, real
 from ..contact.mesh import Mesh
 from ..contact.solids import SOLIDS
 from ..geometry import as_position, frozen

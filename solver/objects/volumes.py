@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import length, real, whole
-from ...errors import InputFileError
-from ...extras import install_command
-from ...storage import FilePath, read_file
+from ...base.arguments import length, real, whole
+from ...base.errors import InputFileError
+from ...base.extras import install_command
+from ...base.storage import FilePath, read_file
 from ..archives import read_array, read_arrays
 from ..contact.mesh import MOST_FACES, Mesh
 from .mesh_files import LARGEST, mesh_of

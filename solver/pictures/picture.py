@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import instance_of
-from ...pictures import LANDSCAPE, save_figure
-from ...storage import FilePath
+from ...base.arguments import instance_of
+from ...base.pictures import LANDSCAPE, save_figure
+from ...base.storage import FilePath
 from ..acoustics.array import TransducerArray
 from ..fields.field import Field, PlaneField
 from ..fields.quantities import QUANTITIES

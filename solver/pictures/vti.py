@@ -14,8 +14,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import instance_of
-from ...storage import FilePath, replacing
+from ...base.arguments import instance_of
+from ...base.storage import FilePath, replacing
 from ..fields.field import Field, PlaneField, VolumeField
 from ..fields.quantities import intensity, radiation_pressure
 

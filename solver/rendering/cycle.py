@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import HIGHEST, as_single, real, whole
+from ...base.arguments import HIGHEST, as_single, real, whole
 from ..geometry import frozen
 from ..methods.modulation import CARRIER
 

@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import flag, real, whole
+from ...base.arguments import flag, real, whole
 from ..contact.touch import Touch
 from ..geometry import frozen
 from ..methods.solve import Wanted, control_points

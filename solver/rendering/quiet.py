@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import as_single, real, whole
+from ...base.arguments import as_single, real, whole
 from ..acoustics.array import MAX_TRANSDUCERS
 from .cycle import MOST_PERIODS, Cycle
 

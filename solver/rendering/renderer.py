@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...arguments import whole
+from ...base.arguments import whole
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..contact.touch import Touch

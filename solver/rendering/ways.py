@@ -27,7 +27,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import real, whole
+from ...base.arguments import real, whole
 from ..methods.modulation import FREQUENCY
 from ..methods.options import PHASE_LEVELS
 from ..methods.solve import Solver

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...pictures import SEQUENTIAL, new_figure
+from ...base.pictures import SEQUENTIAL, new_figure
 from ..fields.drawing import draw_oil
 from ..fields.field import PlaneField
 from .figures import SHAPES_OF_FIGURE_6, TECHNIQUES, AtHeight, Figure4, Rendering, Timing

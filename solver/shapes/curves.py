@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import length
+from ...base.arguments import length
 from ..geometry import as_points
 from .points import MAX_POINTS, ControlPoints
 

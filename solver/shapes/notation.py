@@ -9,8 +9,8 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-from ...arguments import FARTHEST, length, real, spelt
-from ...errors import InputFileError
+from ...base.arguments import FARTHEST, length, real, spelt
+from ...base.errors import InputFileError
 
 __all__ = ["READERS", "check", "read_parameters", "written"]
 

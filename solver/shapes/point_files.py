@@ -7,8 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ...errors import InputFileError
-from ...storage import FilePath, read_text
+from ...base.errors import InputFileError
+from ...base.storage import FilePath, read_text
 from ..number_files import csv_rows, text_rows
 from .points import ControlPoints
 

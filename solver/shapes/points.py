@@ -10,8 +10,8 @@ from warnings import warn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import array_of, length
-from ...pictures import MM, Drawable, axes_or_new
+from ...base.arguments import array_of, length
+from ...base.pictures import MM, Drawable, axes_or_new
 from ..acoustics.array import TransducerArray
 from ..acoustics.propagation import PAIRS_AT_A_TIME
 from ..geometry import Scalable, as_points, coincident, counted, extent, frozen, place

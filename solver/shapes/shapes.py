@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias, runtime_ch
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import flag, spelt, whole
-from ...errors import InputFileError
-from ...pictures import Drawable
+from ...base.arguments import flag, spelt, whole
+from ...base.errors import InputFileError
+from ...base.pictures import Drawable
 from ..geometry import Scalable, as_points, counted
 from .curves import SPACING, Curve, chain, even_spacing, ring, sample_curves, without_coincidences
 from .notation import READERS, check, read_parameters, written

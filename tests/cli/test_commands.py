@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 import typer
 from phasewire import ControlPoints, Emulator, Medium, Sphere, Transducer, TransducerArray, open_device, pressure, solve
+from phasewire.base.signals import unwinding
 from phasewire.cli.commands import HOMES, PANELS, command_line
 from phasewire.cli.settings import each_command
-from phasewire.signals import unwinding
 from phasewire.solver import METHODS, Star
 from phasewire.solver.fields.files import load_field, load_solution, save_solution
 
@@ -340,7 +340,7 @@ def test_a_signal_counts_again_if_the_first_was_lost(monkeypatch: pytest.MonkeyP
     class Operand(metaclass=Pressed):
         pass
 
-    monkeypatch.setattr("phasewire.signals.DEAF_SECONDS", 0)
+    monkeypatch.setattr("phasewire.base.signals.DEAF_SECONDS", 0)
     with unwinding(last=False):
         _ = np.zeros(2) == Operand()
         with pytest.raises(KeyboardInterrupt):

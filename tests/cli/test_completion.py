@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from phasewire.__main__ import main
 from phasewire.host.finding.discovery import Search
-from phasewire.host.lines.transport import Found
+from phasewire.host.transports.transport import Found
 from phasewire.solver import METHODS
 from phasewire.solver.shapes.shapes import SHAPES
 
@@ -94,7 +94,7 @@ def test_completion_imports_no_slow_module() -> None:
 import sys
 from phasewire.__main__ import main
 from phasewire.host.finding.discovery import Search
-from phasewire.host.lines.transport import Found
+from phasewire.host.transports.transport import Found
 try:
     main([])
 finally:

@@ -12,16 +12,16 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from phasewire.base.errors import DeviceNotFoundError
 from phasewire.emulator.control import admission
-from phasewire.errors import DeviceNotFoundError
 from phasewire.hil.conformance.cases import Risk
+from phasewire.hil.conformance.mutants.catalogue import MUTANTS
+from phasewire.hil.conformance.mutants.patching import Mutant
+from phasewire.hil.conformance.mutants.running import Fate, MutantResult, MutantWatcher
 from phasewire.hil.conformance.plugin import Watcher
 from phasewire.hil.conformance.profile import Profile
 from phasewire.hil.conformance.running import RunOptions
 from phasewire.hil.conformance.verdicts import Run, Verdict
-from phasewire.mutants.catalogue import MUTANTS
-from phasewire.mutants.patching import Mutant
-from phasewire.mutants.running import Fate, MutantResult, MutantWatcher
 
 from tests.cli.runner import Run as Phasewire
 from tests.hil.conformance.hand_made_runs import CLEAN, EVERY
@@ -323,7 +323,7 @@ def test_a_surviving_mutant_is_exit_code_1(
         return results
 
     chosen_of = list(enumerate(MUTANTS.values()))
-    monkeypatch.setattr("phasewire.mutants.running.run_mutants", stand_in)
+    monkeypatch.setattr("phasewire.hil.conformance.mutants.running.run_mutants", stand_in)
     outcome = phasewire("--mutants", "--jobs", "3", "--json", "-")
     assert outcome.code == code
     assert asked == [(list(MUTANTS), 3)]

@@ -13,7 +13,7 @@ import pytest
 from phasewire import Emulator, Solution, open_device
 from phasewire.cli.decode import explain
 from phasewire.emulator.doors.backend import EmulatorBackend
-from phasewire.hil.traffic import Piece, Traffic
+from phasewire.hil.traffic.traffic import Piece, Traffic
 from phasewire.protocol import Pulses
 from phasewire.protocol.codes import AckFlag, FrameKind, Reason, State
 from phasewire.protocol.framing import SerialFrame, encode

@@ -14,7 +14,7 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
-from phasewire.firmware.build import processor_segment
+from phasewire.firmware.xmos.build import processor_segment
 from phasewire.protocol.codes import Target
 from phasewire.protocol.firmware import Segment, Suffix, parse, with_suffix
 from phasewire.protocol.versions import Version

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.errors import visible
+from phasewire.base.errors import visible
 
 from .runner import Run
 

@@ -14,7 +14,7 @@ from phasewire import ControlPoints, Solution, TransducerArray, solve
 from phasewire.cli.console import console_for, print_list
 from phasewire.cli.points import RECORDING, kind_of
 from phasewire.emulator.cluster import Cluster
-from phasewire.host.playing.recording import SUFFIX, record
+from phasewire.host.streaming.recording import SUFFIX, record
 from phasewire.solver.fields.files import save_solution
 from rich.console import Console
 from rich.table import Table

@@ -9,13 +9,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import phasewire.cli.xs1
-import phasewire.xs1.clang
+import phasewire.firmware.xs1.clang
 import pytest
-from phasewire.xs1.assembler import AssemblySource, assemble
+from phasewire.firmware.xs1.assembler import AssemblySource, assemble
 from vcd.reader import TokenKind, tokenize
 
 from tests.cli.runner import Run
-from tests.xs1.llvm import needs_clang
+from tests.firmware.xs1.llvm import needs_clang
 
 PLAY = """
 # Counts on port 32A, a word each 200 core cycles from PERIOD on.
@@ -119,7 +119,7 @@ def test_asm_compiles_c(xs1: Run, folder: Path) -> None:
 
 
 def test_c_needs_clang(xs1: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(phasewire.xs1.clang, "find_clang", lambda: None)
+    monkeypatch.setattr(phasewire.firmware.xs1.clang, "find_clang", lambda: None)
     (folder / "one.c").write_text("int one(void) { return 1; }\n")
     outcome = xs1("asm", "one.c", "-o", "one.bin")
     assert outcome.code == 2

@@ -6,8 +6,8 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+from phasewire.base.errors import BlockError
 from phasewire.emulator.door import Door, Stall
-from phasewire.errors import BlockError
 from phasewire.protocol.codes import Reason, Request, State
 from phasewire.protocol.requests import Setup
 

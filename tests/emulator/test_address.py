@@ -6,11 +6,11 @@ import re
 from pathlib import Path
 
 import pytest
+from phasewire.base.errors import DeviceNotFoundError, ImageError, InputFileError
 from phasewire.emulator.boards.executed import ExecutedProcessor
 from phasewire.emulator.doors.address import EmulatorUrl
 from phasewire.emulator.firmware.loader import DeviceIdentity, boot, make_flash
-from phasewire.errors import DeviceNotFoundError, ImageError, InputFileError
-from phasewire.firmware.images import device_image
+from phasewire.firmware.xmos.images import device_image
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED
 from phasewire.protocol.firmware import build
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE

@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from numpy.typing import NDArray
 from phasewire import Emulator, Pulses, open_device
 from phasewire.emulator import faults
-from phasewire.firmware.images import device_image
+from phasewire.firmware.xmos.images import device_image
+from phasewire.firmware.xs1.assembler import AssemblySource, assemble
+from phasewire.hil.conformance.mutants.processors import broken_image, broken_sources, known_mutants
 from phasewire.host.firmware.flashing import flash
 from phasewire.host.firmware.images import read_firmware
-from phasewire.mutants.processors import broken_image, broken_sources, known_mutants
 from phasewire.protocol.blocks import Slot, Update
 from phasewire.protocol.codes import Fault, Request, State, Target
 from phasewire.protocol.firmware import Image, Segment, build
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
-from phasewire.xs1.assembler import AssemblySource, assemble
 
 from tests.emulator.hosts import FULL, HALF, Device
 from tests.emulator.test_doors import Program

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from phasewire.base.errors import DeviceError, ReplyError
 from phasewire.emulator import faults
 from phasewire.emulator.control.agenda import QUEUE_BLOCKS
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.faults import FAULTS, InjectedFault
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
-from phasewire.errors import DeviceError, ReplyError
 from phasewire.protocol import Block, Entries, Entry, PlaySequence, Reason, Slot, State, Update, pack
 from phasewire.protocol.blocks import AmplitudeModulation, NoOp, Samples
 from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, Request

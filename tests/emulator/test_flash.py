@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from phasewire.base.errors import InputFileError
 from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash
 from phasewire.emulator.scheduler import Scheduler
-from phasewire.errors import InputFileError
 
 MS = 400_000  # core cycles: 400 MHz
 SECTOR, PAGE = 4096, 256

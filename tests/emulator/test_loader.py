@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from phasewire.base.errors import DeviceError, InputFileError
 from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash
 from phasewire.emulator.firmware.loader import (
     FACTORY_IMAGE,
@@ -18,7 +19,6 @@ from phasewire.emulator.firmware.loader import (
     make_flash,
 )
 from phasewire.emulator.scheduler import Scheduler
-from phasewire.errors import DeviceError, InputFileError
 from phasewire.protocol.codes import Bank, Fault, Target
 from phasewire.protocol.firmware import BootRecord, Image, Segment
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE

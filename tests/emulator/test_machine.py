@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses, open_device
+from phasewire.base.errors import DeviceNotFoundError
 from phasewire.emulator.machine import open_emulators
-from phasewire.errors import DeviceNotFoundError
 from phasewire.protocol.codes import Request
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import Link

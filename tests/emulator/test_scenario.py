@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 from phasewire import Emulator
+from phasewire.base.errors import InputFileError
 from phasewire.emulator import Event, faults, read_scenario
-from phasewire.errors import InputFileError
 from phasewire.protocol import Reason, Update
 
 from tests.emulator.fault_bench import HALF, playing

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import pytest
 import serial
 from phasewire import Emulator
+from phasewire.base.errors import DeviceNotFoundError
 from phasewire.emulator.doors.serial_port import EmulatedPort, port_for_url
-from phasewire.errors import DeviceNotFoundError
 from phasewire.protocol.codes import State
 
 CONSOLE = bytes.fromhex("06 05 02 1b 68 a2 00")  # the vector frame-console

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 
 import pytest
 from phasewire import Emulator
+from phasewire.base.errors import DeviceNotFoundError
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.doors import umockdev
 from phasewire.emulator.doors.umockdev import MockUsb, PollFile, run_under_mock
-from phasewire.errors import DeviceNotFoundError
 from phasewire.protocol.enumeration import FULL_SPEED
 
 from tests.attacks import no_files

@@ -11,11 +11,11 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from phasewire import Emulator
+from phasewire.base.errors import DeviceError
 from phasewire.emulator.firmware import loader
 from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.emulator.scheduler import Scheduler
-from phasewire.errors import DeviceError
 from phasewire.protocol.blocks import Update
 from phasewire.protocol.codes import DfuState, DfuStatus, Fault, Request, Target
 from phasewire.protocol.dfu import DfuReply

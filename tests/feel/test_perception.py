@@ -11,12 +11,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from phasewire import Hand, Medium, TransducerArray, pressure
+from phasewire.base.pictures import LANDSCAPE
 from phasewire.feel.perception import FeltMap, feel, felt_map, radiation_pressures
 from phasewire.feel.pictures import save_felt_picture
 from phasewire.feel.receptors import TOUCH_CHANNELS
 from phasewire.feel.skin import Skin, displacement
 from phasewire.feel.unfolding import SkinPatch, SkinPlaces, Unfolded
-from phasewire.pictures import LANDSCAPE
 from phasewire.solver import radiation_pressure, transfer_matrix
 from phasewire.solver.acoustics.resonator import Resonator
 

@@ -25,7 +25,7 @@ import numpy as np
 from cobs import cobs
 from construct import Construct, ConstructError
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
-from phasewire.errors import (
+from phasewire.base.errors import (
     BlockError,
     ChainError,
     CommandError,
@@ -35,7 +35,7 @@ from phasewire.errors import (
     PhasewireError,
     ReplyError,
 )
-from phasewire.hil.recordings import FORMATS, read_recording
+from phasewire.hil.traffic.recordings import FORMATS, read_recording
 from phasewire.protocol import Kind, Reason, Update, framing, pack, unpack, unpack_updates
 from phasewire.protocol import chain as chain_
 from phasewire.protocol import describe as describe_

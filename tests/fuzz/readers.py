@@ -32,11 +32,11 @@ import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 from phasewire import ControlPoints, Mesh, TransducerArray, solve
+from phasewire.base.errors import ImageError, InputFileError
 from phasewire.cli.commands import command_line
 from phasewire.cli.settings import CONFIG_VARIABLE, defaults_from_file
 from phasewire.cli.sources import open_file
 from phasewire.emulator.scenario import read_scenario
-from phasewire.errors import ImageError, InputFileError
 from phasewire.hil.conformance.known import read_known_failures
 from phasewire.hil.conformance.profile import read_profile
 from phasewire.hil.conformance.sight.sigrok import SessionFile
@@ -47,9 +47,9 @@ from phasewire.host.hands import HandFrame, TrackedHand
 from phasewire.host.hands.leap_recording import read_leap_recording
 from phasewire.host.hands.pose import Pose
 from phasewire.host.hands.recording import HandRecorder, HandRecording
-from phasewire.host.playing.calibration import Calibration
-from phasewire.host.playing.recording import Recording, record
-from phasewire.host.playing.rig import read_rig
+from phasewire.host.streaming.calibration import Calibration
+from phasewire.host.streaming.recording import Recording, record
+from phasewire.host.streaming.rig import read_rig
 from phasewire.protocol import PulseFrames
 from phasewire.solver.acoustics.aperture import Aperture
 from phasewire.solver.acoustics.array_files import read_transducers

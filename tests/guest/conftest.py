@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from phasewire.hil.guest import BOUND, NEWEST, SERVER, Done, Guest, fetch_kernel, missing_programs
+from phasewire.hil.conformance.guest import BOUND, NEWEST, SERVER, Done, Guest, fetch_kernel, missing_programs
 
 COMPLAINT = re.compile(
     r"error|fail|warn|not resp|timed? ?out|unable|did not claim|reset|cannot|BUG|Oops", re.IGNORECASE

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
-PROGRAM = Path(__file__).parents[2] / "reference" / "build" / "phasewire-reference"
+PROGRAM = Path(__file__).parents[2] / "firmware" / "build" / "phasewire-reference"
 
 
 def serve(where: Path, options: list[str]) -> NoReturn:

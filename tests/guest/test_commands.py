@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from phasewire.hil.guest import Guest
+from phasewire.hil.conformance.guest import Guest
 
 from .conftest import EMULATE, Bench, pulses
 

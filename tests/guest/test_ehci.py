@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from phasewire.hil.guest import Guest
+from phasewire.hil.conformance.guest import Guest
 
 from tests.host.upgrades import FILE
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from zlib import crc32
 
 import pytest
-from phasewire.hil.guest import Guest
+from phasewire.hil.conformance.guest import Guest
 
 from tests.host.upgrades import FILE, STORED
 

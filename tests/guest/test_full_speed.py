@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phasewire.emulator.doors.address import SPEEDS
-from phasewire.hil.guest import Guest
+from phasewire.hil.conformance.guest import Guest
 from phasewire.protocol.codes import DescriptorType
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed, run_time
 

@@ -8,7 +8,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from phasewire.hil.guest import Done
+from phasewire.hil.conformance.guest import Done
 from phasewire.protocol.firmware import Image, build
 
 from tests.host.upgrades import FILE, made

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from phasewire.hil.guest import Guest
+from phasewire.hil.conformance.guest import Guest
 
 from tests.emulator.test_umockdev import COMPLAINT
+from tests.firmware.core.building import build
 from tests.host.upgrades import FILE
-from tests.reference.building import build
 from tests.specification import hex_examples
 
 from .conftest import Bench, pulses

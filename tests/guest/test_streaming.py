@@ -28,7 +28,7 @@ with phasewire.open_device("usb:") as device:
 """
 UNPLUGGED = """
 import itertools, phasewire
-from phasewire.errors import DeviceLostError
+from phasewire.base.errors import DeviceLostError
 with phasewire.open_device("usb:") as device:
     device.set_watchdog(20)
     print("begun", flush=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phasewire.__main__ import main
-from phasewire.hil.guest import Guest
+from phasewire.hil.conformance.guest import Guest
 
 from .conftest import Bench
 

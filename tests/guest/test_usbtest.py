@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import pytest
-from phasewire.hil.guest import Guest
+from phasewire.hil.conformance.guest import Guest
 
 from .conftest import FAR, Bench
 

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from phasewire.host.playing.session import Session
+from phasewire.host.streaming.session import Session
 from phasewire.protocol import Info
 from phasewire.protocol.blocks import Output, Samples
 from phasewire.protocol.codes import Action, Reason, Request, State

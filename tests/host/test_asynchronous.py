@@ -11,11 +11,11 @@ from typing import Any, ParamSpec
 import numpy as np
 import pytest
 from phasewire import Device, Emulator, Pulses, open_device
+from phasewire.base.errors import DeviceNotFoundError, DeviceRefusedError
 from phasewire.emulator.faults import Unplugged
-from phasewire.errors import DeviceNotFoundError, DeviceRefusedError
-from phasewire.host.playing import asynchronous
-from phasewire.host.playing.asynchronous import AsyncDevice, open_device_async
-from phasewire.host.playing.envelopes import sine
+from phasewire.host.streaming import asynchronous
+from phasewire.host.streaming.asynchronous import AsyncDevice, open_device_async
+from phasewire.host.streaming.envelopes import sine
 from phasewire.protocol.codes import State
 
 FULL = Pulses(np.full(320, 25), np.full(320, 25))

@@ -12,13 +12,13 @@ from functools import partial
 import numpy as np
 import pytest
 from phasewire import Device, Emulator, Pulses, open_device
-from phasewire.errors import DeviceError, DeviceRefusedError, DeviceStalledError
+from phasewire.base.errors import DeviceError, DeviceRefusedError, DeviceStalledError
 from phasewire.protocol.codes import Reason, State, StatusFlag
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
 
+from tests.firmware.core import building
 from tests.host.serving import PATIENCE, served_url
-from tests.reference import building
 
 # pyserial 3.5 names the thread of RFC 2217 in a way that Python 3.10 deprecated.
 pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")

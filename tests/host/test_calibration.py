@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from phasewire import Emulator, Solution, open_device, pressure
-from phasewire.errors import InputFileError
-from phasewire.host.playing import calibration as module
-from phasewire.host.playing.calibration import Calibration
+from phasewire.base.errors import InputFileError
+from phasewire.host.streaming import calibration as module
+from phasewire.host.streaming.calibration import Calibration
 
 from tests.strategies import drives
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from phasewire.host.playing.clock import READINGS, DeviceClock, Reading
+from phasewire.host.streaming.clock import READINGS, DeviceClock, Reading
 
 TICK_HZ = 2_000_000
 PERIOD = 25e-6

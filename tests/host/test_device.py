@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 from phasewire import Circle, Emulator, Medium, Pulses, TransducerArray, Wiring, open_device, sine, solve
-from phasewire.emulator import faults
-from phasewire.emulator.doors.backend import Port
-from phasewire.errors import (
+from phasewire.base.errors import (
     DeviceError,
     DeviceLostError,
     DeviceRefusedError,
     DeviceStalledError,
     DeviceTimeoutError,
 )
-from phasewire.host.playing.calibration import Calibration
-from phasewire.host.playing.device import Device
+from phasewire.emulator import faults
+from phasewire.emulator.doors.backend import Port
+from phasewire.host.streaming.calibration import Calibration
+from phasewire.host.streaming.device import Device
 from phasewire.protocol import Ack, Info, Reason
 from phasewire.protocol.codes import Fault, Feature
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 from phasewire import Emulator
+from phasewire.base.errors import DeviceError, DeviceRefusedError, DeviceStalledError, DeviceTimeoutError
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.firmware.flash import FlashTimes
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
-from phasewire.errors import DeviceError, DeviceRefusedError, DeviceStalledError, DeviceTimeoutError
 from phasewire.host.firmware.dfu import DfuLine, detach
-from phasewire.host.lines.usb_find import DFU_MODE, RUN_TIME, UsbFinder
+from phasewire.host.transports.usb_find import DFU_MODE, RUN_TIME, UsbFinder
 from phasewire.protocol.codes import DfuRequest, DfuState, DfuStatus, ImageReason
 from phasewire.protocol.dfu import DfuReply
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 from phasewire import Emulator
-from phasewire.errors import DeviceNotFoundError
+from phasewire.base.errors import DeviceNotFoundError
 from phasewire.host.finding import discovery
 from phasewire.host.finding.discovery import search
-from phasewire.host.lines.transport import Found
+from phasewire.host.transports.transport import Found
 
 HERE = Found("own:1", "somebody's array", "1", "run time", "", "shelf")
 

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 import usb.core
 from phasewire import Emulator, open_device
+from phasewire.base.errors import DeviceLostError, DeviceTimeoutError
 from phasewire.emulator import faults
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.doors.station import Pace
 from phasewire.emulator.faults import InjectedFault
-from phasewire.errors import DeviceLostError, DeviceTimeoutError
 from phasewire.host.finding import device_checks
 from phasewire.host.finding.computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer, udev_rule
 from phasewire.host.finding.discovery import Search
 from phasewire.host.finding.doctor import CHECKS, examine
 from phasewire.host.finding.findings import CheckVerdict, Finding
-from phasewire.host.lines.transport import Found
-from phasewire.host.playing.device import Device
+from phasewire.host.streaming.device import Device
+from phasewire.host.transports.transport import Found
 from phasewire.protocol.codes import Fault, Feature
 from phasewire.protocol.enumeration import DFU_PRODUCT_ID, FULL_SPEED, PRODUCT_ID, VENDOR_ID
 from phasewire.protocol.replies import ClockReading, Info, ProcessorReport, ReadBack, Status

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import phasewire.errors
+import phasewire.base.errors
 import pytest
 from phasewire import Emulator, Pulses, open_device
+from phasewire.base.errors import DeviceError
 from phasewire.emulator.faults import FAULTS, InjectedFault
-from phasewire.errors import DeviceError
-from phasewire.host.playing.streaming import StreamReport
+from phasewire.host.streaming.streaming import StreamReport
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "how-to/host.md"
 PERIOD = 3000
@@ -85,7 +85,7 @@ def test_a_stream_ends_as_documented_and_with_the_outputs_off(name: str) -> None
         device = open_device(emulator.url)
         emulator.inject(fault(name))
         if row.error:
-            with pytest.raises(getattr(phasewire.errors, row.error), match=re.escape(row.says)) as raised:
+            with pytest.raises(getattr(phasewire.base.errors, row.error), match=re.escape(row.says)) as raised:
                 device.stream(frames(600), 1000, on_progress=reports.append)
             assert type(raised.value).__name__ == row.error
         else:

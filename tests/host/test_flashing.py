@@ -14,13 +14,7 @@ import pytest
 import usb.core
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from phasewire import Emulator, open_device
-from phasewire.emulator import faults
-from phasewire.emulator.door import Stall
-from phasewire.emulator.doors.backend import EmulatorBackend
-from phasewire.emulator.faults import InjectedFault
-from phasewire.emulator.firmware.flash import Flash
-from phasewire.emulator.firmware.loader import FACTORY_IMAGE, Boot, boot
-from phasewire.errors import (
+from phasewire.base.errors import (
     DeviceAccessError,
     DeviceError,
     DeviceLostError,
@@ -31,11 +25,17 @@ from phasewire.errors import (
     ImageError,
     InputFileError,
 )
+from phasewire.emulator import faults
+from phasewire.emulator.door import Stall
+from phasewire.emulator.doors.backend import EmulatorBackend
+from phasewire.emulator.faults import InjectedFault
+from phasewire.emulator.firmware.flash import Flash
+from phasewire.emulator.firmware.loader import FACTORY_IMAGE, Boot, boot
 from phasewire.host.firmware import flashing
 from phasewire.host.firmware.dfu import DfuLine, detach
 from phasewire.host.firmware.flashing import ATTEMPTS, FlashReport, FlashStage, find_flashable, revert
 from phasewire.host.firmware.images import read_firmware
-from phasewire.host.lines.usb_find import DFU_MODE, Sighting, UsbFinder
+from phasewire.host.transports.usb_find import DFU_MODE, Sighting, UsbFinder
 from phasewire.protocol.blocks import Update
 from phasewire.protocol.codes import Bank, DfuStatus, Fault, Feature, ImageReason, Request, State
 from phasewire.protocol.firmware import Suffix, Trust, build, parse, sign, split_suffix, with_suffix
@@ -444,7 +444,7 @@ def test_ctrl_c_leaves_a_device_that_runs_what_it_ran(emulator: Emulator) -> Non
     "moment",
     [
         "phasewire.host.firmware.flashing.detach",
-        "phasewire.host.lines.usb_find.UsbFinder.find_again",
+        "phasewire.host.transports.usb_find.UsbFinder.find_again",
         "phasewire.host.firmware.dfu.configure",
     ],
 )

@@ -19,7 +19,7 @@ SCRIPT = """
 import json, os, signal, sys, threading, time
 import numpy as np
 import phasewire
-from phasewire.errors import DeviceRefusedError, DeviceTimeoutError
+from phasewire.base.errors import DeviceRefusedError, DeviceTimeoutError
 from phasewire.protocol import PulseFrames
 from phasewire.protocol.codes import NOW
 

@@ -10,9 +10,9 @@ from typing import Any, cast
 
 import pytest
 from phasewire import Emulator, open_device
-from phasewire.host.lines.opening import SCHEMES, entries, open_untraced
-from phasewire.host.lines.tracing import TRAFFIC
-from phasewire.host.lines.transport import Transport
+from phasewire.host.transports.opening import SCHEMES, entries, open_untraced
+from phasewire.host.transports.tracing import TRAFFIC
+from phasewire.host.transports.transport import Transport
 
 from tests.host.test_back_to_back import Opened, TestEveryLine, device
 

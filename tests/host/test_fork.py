@@ -14,7 +14,7 @@ from tests.host.serving import served_url
 SCRIPT = """
 import os, sys
 import phasewire
-from phasewire.errors import DeviceError
+from phasewire.base.errors import DeviceError
 
 pulses = phasewire.Pulses([10] * 320, [25] * 320)
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Circle, ControlPoints, Pulses, Solution, Solver, TransducerArray
-from phasewire.host.playing.calibration import Calibration
-from phasewire.host.playing.frames import (
+from phasewire.host.streaming.calibration import Calibration
+from phasewire.host.streaming.frames import (
     FrameSource,
     LoopedFrames,
     PulseFrames,
@@ -20,7 +20,7 @@ from phasewire.host.playing.frames import (
     solved,
     to_pulses,
 )
-from phasewire.host.playing.limiting import TurnedDown
+from phasewire.host.streaming.limiting import TurnedDown
 from phasewire.solver import Cycle
 
 N = 6

@@ -26,17 +26,17 @@ from phasewire import (
     open_devices,
     solve,
 )
+from phasewire.base.errors import DeviceError, DeviceLostError, DeviceNotFoundError, DeviceRefusedError
 from phasewire.emulator.boards.sync import SyncLine
 from phasewire.emulator.cluster import Cluster
 from phasewire.emulator.faults import LostSync, PowerCut, Unplugged
-from phasewire.errors import DeviceError, DeviceLostError, DeviceNotFoundError, DeviceRefusedError
-from phasewire.host.playing.clock import DeviceClock, Reading
-from phasewire.host.playing.common_clock import CommonClock, CommonTime
-from phasewire.host.playing.cycles import play_cycle
-from phasewire.host.playing.envelopes import sine
-from phasewire.host.playing.frames import Frame
-from phasewire.host.playing.session import Session
-from phasewire.host.playing.streaming import most_blocks_per_second
+from phasewire.host.streaming.clock import DeviceClock, Reading
+from phasewire.host.streaming.common_clock import CommonClock, CommonTime
+from phasewire.host.streaming.cycles import play_cycle
+from phasewire.host.streaming.envelopes import sine
+from phasewire.host.streaming.frames import Frame
+from phasewire.host.streaming.session import Session
+from phasewire.host.streaming.streaming import most_blocks_per_second
 from phasewire.protocol.board import CORE_HZ, CYCLES_PER_PERIOD, TICK_HZ
 from phasewire.protocol.codes import NOW, Reason, State
 from phasewire.protocol.quantise import PulseFrames

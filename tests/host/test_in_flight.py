@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from phasewire.errors import DeviceLostError, DeviceRefusedError, DeviceTimeoutError
-from phasewire.host.playing.ledger import Answers, Parcel
-from phasewire.host.playing.session import Session
+from phasewire.base.errors import DeviceLostError, DeviceRefusedError, DeviceTimeoutError
+from phasewire.host.streaming.ledger import Answers, Parcel
+from phasewire.host.streaming.session import Session
 from phasewire.protocol.blocks import Block, Body, pack, unpack
 from phasewire.protocol.codes import AckFlag, Reason, Request
 

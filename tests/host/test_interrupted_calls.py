@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from phasewire import Device, Emulator, Pulses, open_device
-from phasewire.errors import DeviceError
+from phasewire.base.errors import DeviceError
 from phasewire.protocol import State
 
 FRAME = Pulses(np.full(320, 25), np.full(320, 25))

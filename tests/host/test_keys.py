@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives.serialization import (
     PrivateFormat,
     PublicFormat,
 )
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.host.firmware.keys import (
     MAKE_PRIVATE_KEY,
     MAKE_PUBLIC_KEY,

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from phasewire.errors import ReplyError
-from phasewire.host.playing.ledger import NUMBERS, Answers, Ledger, Parcel
+from phasewire.base.errors import ReplyError
+from phasewire.host.streaming.ledger import NUMBERS, Answers, Ledger, Parcel
 from phasewire.protocol.codes import Reason
 from phasewire.protocol.replies import ACKS
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from phasewire import Device, Emulator, Pulses, open_device
 from phasewire.host import Calibration
-from phasewire.host.lines.opening import open_transport
+from phasewire.host.transports.opening import open_transport
 from phasewire.protocol.codes import State
 
 FULL = Pulses(np.full(320, 25), np.full(320, 25))

@@ -4,9 +4,9 @@ from importlib.metadata import EntryPoint, entry_points
 
 import pytest
 from phasewire import Emulator, open_device
-from phasewire.errors import DeviceNotFoundError
-from phasewire.host.lines import opening
-from phasewire.host.lines.opening import default_url, load_by_scheme
+from phasewire.base.errors import DeviceNotFoundError
+from phasewire.host.transports import opening
+from phasewire.host.transports.opening import default_url, load_by_scheme
 
 
 @pytest.mark.parametrize("url", ["nonsense:", "nonsense", "", ":", "emulator", "http://127.0.0.1/"])

@@ -17,10 +17,10 @@ from types import SimpleNamespace
 import pytest
 import serial
 from phasewire import Pulses, open_device
+from phasewire.base.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from phasewire.emulator.doors.station import Pace
-from phasewire.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
-from phasewire.host.lines.ports import RFC2217, SERIAL, SOCKET, SocketPort, port_for_url
-from phasewire.host.lines.transport import Found
+from phasewire.host.transports.ports import RFC2217, SERIAL, SOCKET, SocketPort, port_for_url
+from phasewire.host.transports.transport import Found
 
 from tests.host.serving import LOOPBACK, served_url
 

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator, Medium, TransducerArray, open_device
-from phasewire.errors import InputFileError
-from phasewire.host.playing.calibration import Calibration
-from phasewire.host.playing.frames import PulseFrames, frame_source
-from phasewire.host.playing.recording import FRAMES_AT_A_TIME, Recording, record
+from phasewire.base.errors import InputFileError
+from phasewire.host.streaming.calibration import Calibration
+from phasewire.host.streaming.frames import PulseFrames, frame_source
+from phasewire.host.streaming.recording import FRAMES_AT_A_TIME, Recording, record
 
 N = 6
 GRID = TransducerArray.grid(3, 2, pitch=0.009)

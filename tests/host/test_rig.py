@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phasewire import Calibration, RigDevice, TransducerArray, read_rig, read_transducers
-from phasewire.errors import InputFileError
-from phasewire.host.playing.rig import check_rig
+from phasewire.base.errors import InputFileError
+from phasewire.host.streaming.rig import check_rig
 
 EXAMPLES = Path(__file__).parents[2] / "examples/arrays"
 TWO = """

@@ -17,7 +17,7 @@ import serial
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator, open_device
-from phasewire.errors import (
+from phasewire.base.errors import (
     DeviceAccessError,
     DeviceError,
     DeviceLostError,
@@ -25,7 +25,7 @@ from phasewire.errors import (
     DeviceStalledError,
     DeviceTimeoutError,
 )
-from phasewire.host.lines.serial_line import SerialTransport
+from phasewire.host.transports.serial_line import SerialTransport
 from phasewire.protocol import Info, Status
 from phasewire.protocol.codes import Fault, FrameKind, Outcome, Request, State
 from phasewire.protocol.framing import SerialReply

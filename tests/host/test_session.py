@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from phasewire.errors import (
+from phasewire.base.errors import (
     DeviceError,
     DeviceLostError,
     DeviceRefusedError,
@@ -17,7 +17,7 @@ from phasewire.errors import (
     DeviceTimeoutError,
     DeviceVersionError,
 )
-from phasewire.host.playing.session import Answers, Parcel, Session
+from phasewire.host.streaming.session import Answers, Parcel, Session
 from phasewire.protocol import Ack, NoOp, Reason, State
 from phasewire.protocol.blocks import Block, Body, Samples, pack, unpack
 from phasewire.protocol.codes import AckFlag, Request

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from numba import typeof
 from numpy.typing import NDArray
 from phasewire import Device, Emulator, Pulses, open_device
+from phasewire.base.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
 from phasewire.emulator.faults import (
     BusReset,
     BusSuspended,
@@ -27,14 +28,13 @@ from phasewire.emulator.faults import (
     StalledEndpoint,
     Unplugged,
 )
-from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
-from phasewire.host.lines.transport import Timekeeper
-from phasewire.host.lines.usb import UsbTransport
-from phasewire.host.playing.envelopes import sine
-from phasewire.host.playing.frames import Frames
-from phasewire.host.playing.ledger import Parcel
-from phasewire.host.playing.session import Session
-from phasewire.host.playing.streaming import StreamReport
+from phasewire.host.streaming.envelopes import sine
+from phasewire.host.streaming.frames import Frames
+from phasewire.host.streaming.ledger import Parcel
+from phasewire.host.streaming.session import Session
+from phasewire.host.streaming.streaming import StreamReport
+from phasewire.host.transports.transport import Timekeeper
+from phasewire.host.transports.usb import UsbTransport
 from phasewire.protocol import kernels
 from phasewire.protocol.board import TICK_HZ
 from phasewire.protocol.codes import Reason, Request, State, StatusFlag

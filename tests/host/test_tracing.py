@@ -8,11 +8,18 @@ from typing import cast
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses
-from phasewire.errors import DeviceLostError
+from phasewire.base.errors import DeviceLostError
 from phasewire.host.firmware.flashing import flash
 from phasewire.host.firmware.images import read_firmware
-from phasewire.host.lines.tracing import TRAFFIC, TracedTransport, log_request, print_traffic, split_records, traced
-from phasewire.host.lines.transport import Timekeeper, Transport
+from phasewire.host.transports.tracing import (
+    TRAFFIC,
+    TracedTransport,
+    log_request,
+    print_traffic,
+    split_records,
+    traced,
+)
+from phasewire.host.transports.transport import Timekeeper, Transport
 from phasewire.protocol.blocks import Block, NoOp, Update, pack
 from phasewire.protocol.codes import REQUEST_TYPE_OUT, AckFlag, Reason, Request, State
 from phasewire.protocol.replies import Ack, Status

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from phasewire import Hand
-from phasewire.errors import TrackerLostError
+from phasewire.base.errors import TrackerLostError
 from phasewire.host.finding.findings import CheckVerdict
 from phasewire.host.finding.tracker_checks import TRACKER_CHECKS, Watched, examine_tracker, watch
 from phasewire.host.hands import HandFrame, TrackedHand

@@ -11,12 +11,7 @@ import libusb_package
 import pytest
 import usb.core
 from phasewire import Emulator, Pulses, open_device
-from phasewire.emulator.control.agenda import QUEUE_BLOCKS
-from phasewire.emulator.door import Handshake
-from phasewire.emulator.doors.backend import EmulatorBackend, Port
-from phasewire.emulator.interfaces.usb_device import UsbDevice
-from phasewire.emulator.machine import open_emulators
-from phasewire.errors import (
+from phasewire.base.errors import (
     DeviceAccessError,
     DeviceError,
     DeviceLostError,
@@ -24,8 +19,13 @@ from phasewire.errors import (
     DeviceStalledError,
     DeviceTimeoutError,
 )
-from phasewire.host.lines import libusb
-from phasewire.host.lines.usb import UsbTransport, open_usb
+from phasewire.emulator.control.agenda import QUEUE_BLOCKS
+from phasewire.emulator.door import Handshake
+from phasewire.emulator.doors.backend import EmulatorBackend, Port
+from phasewire.emulator.interfaces.usb_device import UsbDevice
+from phasewire.emulator.machine import open_emulators
+from phasewire.host.transports import libusb
+from phasewire.host.transports.usb import UsbTransport, open_usb
 from phasewire.protocol import Ack, Info, NoOp, Reason, State, Status, pack
 from phasewire.protocol.blocks import Block
 from phasewire.protocol.codes import Request

@@ -13,15 +13,15 @@ import usb.util
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator
-from phasewire.emulator.doors.backend import EmulatorBackend, Port
-from phasewire.errors import (
+from phasewire.base.errors import (
     DeviceAccessError,
     DeviceLostError,
     DeviceNotFoundError,
 )
+from phasewire.emulator.doors.backend import EmulatorBackend, Port
 from phasewire.host.firmware.dfu import DfuLine, detach
-from phasewire.host.lines.transport import Found
-from phasewire.host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbFinder, find_on, select
+from phasewire.host.transports.transport import Found
+from phasewire.host.transports.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbFinder, find_on, select
 from phasewire.protocol.descriptors import DfuFunctional
 
 from tests.host.upgrades import FACTORY

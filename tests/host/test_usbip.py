@@ -20,14 +20,14 @@ import pytest
 import usb.core
 import usb.util
 from phasewire import Emulator, Pulses, open_device
+from phasewire.base.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError, DeviceUrlError
 from phasewire.emulator.doors.station import Pace
-from phasewire.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError, DeviceUrlError
 from phasewire.host.firmware.flashing import find_flashable, flash, revert
 from phasewire.host.firmware.images import read_firmware
-from phasewire.host.lines import usbip_link
-from phasewire.host.lines.usb_find import DFU_MODE, REQUEST_MS, RUN_TIME, UsbFinder
-from phasewire.host.lines.usbip import UsbIpBackend, UsbIpDevice, open_backend
-from phasewire.host.lines.usbip_link import Urb, UsbIpLink
+from phasewire.host.transports import usbip_link
+from phasewire.host.transports.usb_find import DFU_MODE, REQUEST_MS, RUN_TIME, UsbFinder
+from phasewire.host.transports.usbip import UsbIpBackend, UsbIpDevice, open_backend
+from phasewire.host.transports.usbip_link import Urb, UsbIpLink
 from phasewire.protocol.blocks import Block, NoOp, Update, pack
 from phasewire.protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, AckFlag, DfuRequest, Request, State
 from phasewire.protocol.replies import ANSWER_BYTES, Ack

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from phasewire.errors import DeviceAccessError, DeviceNotFoundError
-from phasewire.host.lines.vhci import Attached, attach, follow
+from phasewire.base.errors import DeviceAccessError, DeviceNotFoundError
+from phasewire.host.transports.vhci import Attached, attach, follow
 
 from ..cli.runner import runner
 from .serving import LOOPBACK, Served

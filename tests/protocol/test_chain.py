@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from phasewire.errors import ChainError
+from phasewire.base.errors import ChainError
 from phasewire.protocol import codes as limits
 from phasewire.protocol.chain import (
     Collect,

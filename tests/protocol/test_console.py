@@ -3,7 +3,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from phasewire.errors import CommandError
+from phasewire.base.errors import CommandError
 from phasewire.protocol.codes import ConsoleCode, Reason, Request
 from phasewire.protocol.console import (
     COMMANDS,

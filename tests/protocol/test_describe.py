@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Wiring
-from phasewire.errors import BlockError
+from phasewire.base.errors import BlockError
 from phasewire.protocol import Ack, Block, Info, Pulses, Status, pack, unpack
 from phasewire.protocol.blocks import (
     AmplitudeModulation,

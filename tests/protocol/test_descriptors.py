@@ -11,9 +11,9 @@ import usb.core
 import usb.util
 from hypothesis import given
 from hypothesis import strategies as st
+from phasewire.base.errors import ReplyError
 from phasewire.emulator import Emulator
 from phasewire.emulator.doors.backend import EmulatorBackend
-from phasewire.errors import ReplyError
 from phasewire.protocol.codes import DescriptorType, ImageReason
 from phasewire.protocol.descriptors import (
     CdcAbstractControl,

@@ -10,7 +10,7 @@ from construct import ConstructError
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.errors import ImageError
+from phasewire.base.errors import ImageError
 from phasewire.protocol.codes import (
     FLASH_BANK_BYTES,
     FLASH_SECTOR_BYTES,

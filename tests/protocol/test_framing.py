@@ -8,7 +8,7 @@ from cobs import cobs
 from construct import ConstructError
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.errors import FrameError
+from phasewire.base.errors import FrameError
 from phasewire.protocol.codes import FrameKind, Outcome
 from phasewire.protocol.framing import (
     BAUD,

@@ -13,7 +13,7 @@ from construct import Construct, ConstructError
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from phasewire.errors import BlockError, ChainError, CommandError, FrameError, ImageError, ReplyError
+from phasewire.base.errors import BlockError, ChainError, CommandError, FrameError, ImageError, ReplyError
 from phasewire.protocol import (
     Action,
     AmplitudeModulation,

@@ -9,7 +9,7 @@ import pytest
 from construct import ConstructError
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.errors import ReplyError
+from phasewire.base.errors import ReplyError
 from phasewire.protocol import Ack, Info, Pulses, Reason, State, Status, Wiring
 from phasewire.protocol.codes import AckFlag, Bank, Fault, Feature, StatusFlag
 from phasewire.protocol.layout import replies as layout

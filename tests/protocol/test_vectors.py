@@ -19,7 +19,7 @@ import pytest
 from construct import ConstructError
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from phasewire.__main__ import main
-from phasewire.errors import BlockError, ChainError, FrameError, ImageError, ReplyError
+from phasewire.base.errors import BlockError, ChainError, FrameError, ImageError, ReplyError
 from phasewire.protocol import Ack, Action, Fault, Kind, Reason, Request, State, Status, unpack
 from phasewire.protocol.chain import decode as decode_message
 from phasewire.protocol.codes import (

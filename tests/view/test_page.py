@@ -24,8 +24,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from phasewire import ControlPoints, Pulses, TransducerArray, Wiring, pressure, record, solve
-from phasewire.errors import PhasewireError
-from phasewire.pictures import CYCLIC, SEQUENTIAL
+from phasewire.base.errors import PhasewireError
+from phasewire.base.pictures import CYCLIC, SEQUENTIAL
 from phasewire.view import Emitter, Snapshot, View
 from phasewire.view.browser import saved_from
 from phasewire.view.recordings import open_tape

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phasewire import Emulator, Mesh, Pulses, TransducerArray, open_device, record
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.host.hands.sources import open_hands
 from phasewire.host.touching.log import TouchLog
 from phasewire.host.touching.loop import TouchLoop

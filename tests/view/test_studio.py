@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from phasewire import Device, Emulator, Mesh, TransducerArray, open_device, pressure
-from phasewire.errors import DeviceLostError
+from phasewire.base.errors import DeviceLostError
 from phasewire.host.hands.frames import HandFrame
 from phasewire.host.hands.sources import PlayedHands, open_hands
 from phasewire.solver.objects.parsing import MovingObject, parse_object

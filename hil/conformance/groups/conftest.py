@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import NotApplicable
-from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.tools.exchange import at_the_console
+from phasewire.hil.conformance.transports.serial import RawSerialLine
 from phasewire.protocol.codes import Feature
 
 

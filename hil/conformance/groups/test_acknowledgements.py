@@ -12,7 +12,6 @@ import pytest
 from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import TOLD_PERIODS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.tools.clocks import unless_busy
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.steps import (
@@ -27,7 +26,8 @@ from phasewire.hil.conformance.tools.steps import (
     raw_records,
 )
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, patience
-from phasewire.hil.traffic import Traffic
+from phasewire.hil.conformance.transports.serial import RawSerialLine
+from phasewire.hil.traffic.traffic import Traffic
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Block,

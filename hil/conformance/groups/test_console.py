@@ -13,11 +13,11 @@ import pytest
 from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, NotApplicable, Risk, TooSlow, case, expect
-from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, expected_words, only
 from phasewire.hil.conformance.tools.filling import fill_queue
 from phasewire.hil.conformance.tools.frames import frame, request_frame
+from phasewire.hil.conformance.transports.serial import RawSerialLine
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Entries,

@@ -7,15 +7,15 @@ from functools import partial
 from math import ceil
 
 import pytest
+from phasewire.base.errors import DeviceError
 from phasewire.emulator import faults
-from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.dfu import RawDfuLine, dfu_mode
 from phasewire.hil.conformance.tools.images import Forgery, large_image, of_whole_blocks
 from phasewire.hil.conformance.tools.steps import enable
-from phasewire.host.lines.usb_find import DFU_MODE, RUN_TIME
+from phasewire.host.transports.usb_find import DFU_MODE, RUN_TIME
 from phasewire.protocol.blocks import Update
 from phasewire.protocol.board import CARRIER_HZ
 from phasewire.protocol.codes import (

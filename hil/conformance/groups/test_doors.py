@@ -8,7 +8,6 @@ import pytest
 from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
-from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import Words
 from phasewire.hil.conformance.tools.doors import TEST, DoorRow, Host, at_the_door
@@ -39,6 +38,7 @@ from phasewire.hil.conformance.tools.steps import (
     suspended,
 )
 from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_fired, check_not_yet, patience
+from phasewire.hil.conformance.transports.serial import RawSerialLine
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,

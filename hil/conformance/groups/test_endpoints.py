@@ -6,17 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
-from phasewire.errors import DeviceError, DeviceStalledError
+from phasewire.base.errors import DeviceError, DeviceStalledError
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
-from phasewire.hil.conformance.lines.usb import CONSOLE_IN, CONSOLE_OUT
 from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.dfu import RawDfuLine
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.player import soon
 from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_not_yet, patience
-from phasewire.hil.traffic import Traffic
-from phasewire.host.lines.usb_find import DFU_MODE
+from phasewire.hil.conformance.transports.usb import CONSOLE_IN, CONSOLE_OUT
+from phasewire.hil.traffic.traffic import Traffic
+from phasewire.host.transports.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,

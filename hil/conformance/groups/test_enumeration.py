@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 import usb.util
-from phasewire.errors import DeviceLostError
+from phasewire.base.errors import DeviceLostError
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.tools.dfu import dfu_mode

@@ -6,8 +6,8 @@ from functools import partial
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from phasewire.base.errors import DeviceError
 from phasewire.emulator import faults
-from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.tools.dfu import RawDfuLine, dfu_mode
@@ -20,7 +20,7 @@ from phasewire.hil.conformance.tools.images import (
     of_many_blocks,
     signed_by,
 )
-from phasewire.host.lines.usb_find import RUN_TIME
+from phasewire.host.transports.usb_find import RUN_TIME
 from phasewire.protocol.board import CARRIER_HZ
 from phasewire.protocol.codes import (
     FLASH_SECTOR_BYTES,

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from operator import attrgetter
 
 import pytest
+from phasewire.base.errors import DeviceError
 from phasewire.emulator.faults import DeadProcessor
-from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect, unmet
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Risk, TooSlow, case, expect
-from phasewire.hil.conformance.lines.serial import QUIET_SECONDS, RawSerialLine
-from phasewire.hil.conformance.lines.usb import CONSOLE_OUT
 from phasewire.hil.conformance.tools.clocks import unless_busy
 from phasewire.hil.conformance.tools.exchange import (
     acks,
@@ -30,6 +28,8 @@ from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
 from phasewire.hil.conformance.tools.steps import LONG_MS, enable
 from phasewire.hil.conformance.tools.watchdog import await_firing, check_not_yet
+from phasewire.hil.conformance.transports.serial import QUIET_SECONDS, RawSerialLine
+from phasewire.hil.conformance.transports.usb import CONSOLE_OUT
 from phasewire.protocol.blocks import NoOp, Slot, Update, pack
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import (

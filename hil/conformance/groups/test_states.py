@@ -8,7 +8,6 @@ from contextlib import contextmanager
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
-from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.doors import Host
 from phasewire.hil.conformance.tools.player import check_in_time, soon
@@ -23,6 +22,7 @@ from phasewire.hil.conformance.tools.steps import (
     suspended,
 )
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, await_firing, check_not_yet, patience
+from phasewire.hil.conformance.transports.serial import RawSerialLine
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,

@@ -8,8 +8,8 @@ import zlib
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import NotApplicable, Risk, case, expect
-from phasewire.hil.conformance.lines.usb import CONSOLE_OUT
 from phasewire.hil.conformance.tools.steps import SILENT, Wrong, begin, cut, far, forge, raw_records, refuse, some
+from phasewire.hil.conformance.transports.usb import CONSOLE_OUT
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,

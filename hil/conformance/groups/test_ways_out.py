@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial, reduce
 
 import pytest
-from phasewire.errors import DeviceError
+from phasewire.base.errors import DeviceError
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Case, Need, Risk, Row, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words, modulated
@@ -42,7 +42,7 @@ from phasewire.hil.conformance.tools.watchdog import (
     check_not_yet,
     patience,
 )
-from phasewire.host.lines.usb_find import DFU_MODE
+from phasewire.host.transports.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,

@@ -16,7 +16,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ....errors import InputFileError
+from ....base.errors import InputFileError
 from ....protocol.board import CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD
 from ....protocol.wiring import Pin
 from .capture import Observer, Seen, Unseen, check_stretch

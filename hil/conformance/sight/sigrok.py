@@ -21,8 +21,8 @@ from zipfile import ZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from ....errors import InputFileError
-from ....storage import FilePath, open_zip
+from ....base.errors import InputFileError
+from ....base.storage import FilePath, open_zip
 from .marks import Mark
 from .recorded import Probe, RecordedObserver
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from ....host.lines.usb_find import DFU_MODE, RUN_TIME
+from ....host.transports.usb_find import DFU_MODE, RUN_TIME
 from ....protocol.codes import (
     CLASS_REQUEST_TYPE_IN,
     CLASS_REQUEST_TYPE_OUT,

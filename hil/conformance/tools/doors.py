@@ -14,9 +14,9 @@ from ....protocol.replies import ANSWER_BYTES, Ack, Status, records
 from ....protocol.requests import VALUES, Setup
 from ..bench import Bench
 from ..cases import Row, expect
-from ..lines.line import RawLine
-from ..lines.serial import RawSerialLine
 from ..sight.waveforms import only
+from ..transports.line import RawLine
+from ..transports.serial import RawSerialLine
 from .steps import features_of
 from .watchdog import patience
 

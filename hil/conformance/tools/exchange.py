@@ -10,10 +10,10 @@ from ....protocol.blocks import NoOp, pack
 from ....protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, FrameKind, Request
 from ....protocol.replies import ANSWER_BYTES, Ack, Status, records
 from ....protocol.requests import Setup
-from ...traffic import Traffic
+from ...traffic.traffic import Traffic
 from ..bench import Bench
 from ..cases import expect
-from ..lines.serial import RawSerialLine
+from ..transports.serial import RawSerialLine
 from .filling import fill_queue
 from .frames import frame
 

@@ -10,7 +10,7 @@ from ....protocol.pulses import Pulses
 from ....protocol.replies import Ack
 from ..bench import Bench
 from ..cases import Inconclusive, expect
-from ..lines.serial import RawSerialLine
+from ..transports.serial import RawSerialLine
 
 __all__ = ["fill_queue"]
 

@@ -28,7 +28,7 @@ from ....protocol.board import CHANNELS, TICKS_PER_PERIOD
 from ....protocol.codes import BLOCK_BYTES, RECORD_BYTES, SYNC_PERIODS, AckFlag, Action, Feature, Reason, Request, State
 from ....protocol.pulses import Pulses
 from ....protocol.replies import Status
-from ...traffic import Traffic
+from ...traffic.traffic import Traffic
 from ..bench import TRIED_SECONDS, Bench
 from ..cases import Inconclusive, NotApplicable, expect
 from .forge import forged

@@ -7,7 +7,7 @@ from ....protocol.codes import State
 from ....protocol.replies import Status
 from ..bench import Bench
 from ..cases import TooSlow, expect
-from ..lines.line import RawLine
+from ..transports.line import RawLine
 
 __all__ = ["PERIODS_PER_MS", "TICKS_PER_MS", "await_firing", "check_fired", "check_not_yet", "far_ahead", "patience"]
 

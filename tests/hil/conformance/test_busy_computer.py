@@ -13,11 +13,11 @@ from typing import Any, cast
 import pytest
 from phasewire.hil.conformance.bench import MOST_SLOWNESS, Bench
 from phasewire.hil.conformance.cases import Inconclusive
-from phasewire.hil.conformance.lines.usb import RawUsbLine
 from phasewire.hil.conformance.running import RunOptions, open_bench, run_conformance
 from phasewire.hil.conformance.tools.clocks import compare_clocks, unless_busy
 from phasewire.hil.conformance.tools.steps import SILENT, enable
 from phasewire.hil.conformance.tools.watchdog import check_not_yet
+from phasewire.hil.conformance.transports.usb import RawUsbLine
 from phasewire.protocol.blocks import Update
 from phasewire.protocol.board import TICK_HZ
 

@@ -9,11 +9,11 @@ from itertools import count
 import pytest
 from phasewire.emulator.control.dispatch import Dispatch
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.lines.watch import ClockWatch
+from phasewire.hil.conformance.mutants.patching import Patch
+from phasewire.hil.conformance.mutants.seams import one_by_one
 from phasewire.hil.conformance.running import RunOptions, open_bench, run_conformance
+from phasewire.hil.conformance.transports.watch import ClockWatch
 from phasewire.hil.conformance.verdicts import Verdict
-from phasewire.mutants.patching import Patch
-from phasewire.mutants.seams import one_by_one
 from phasewire.protocol.board import CARRIER_HZ, TICK_HZ
 from phasewire.protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, AckFlag, Reason, Request, State
 from phasewire.protocol.replies import Ack, ClockReading

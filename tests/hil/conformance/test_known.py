@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.hil.conformance.known import read_known_failures
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from phasewire.base.errors import BlockError
 from phasewire.emulator.control import agenda, batches, dispatch, requests, watchdog
 from phasewire.emulator.control.admission import Admission
 from phasewire.emulator.control.device_state import DeviceState
@@ -15,12 +16,11 @@ from phasewire.emulator.control.dispatch import Dispatch
 from phasewire.emulator.control.requests import Requests
 from phasewire.emulator.door import Stall
 from phasewire.emulator.interfaces import usb_device, usb_functions
-from phasewire.errors import BlockError
 from phasewire.hil.conformance import running
+from phasewire.hil.conformance.mutants.patching import Patch
 from phasewire.hil.conformance.running import RunOptions, open_bench, run_conformance
 from phasewire.hil.conformance.tools.steps import features_of
 from phasewire.hil.conformance.verdicts import Result, Verdict
-from phasewire.mutants.patching import Patch
 from phasewire.protocol.blocks import Body
 from phasewire.protocol.codes import Feature, Reason, Request
 from phasewire.protocol.firmware import Image

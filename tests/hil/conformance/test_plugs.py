@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from phasewire import Emulator
-from phasewire.errors import DeviceNotFoundError
+from phasewire.base.errors import DeviceNotFoundError
 from phasewire.hil.conformance import Run, Verdict
 from phasewire.hil.conformance.cases import Need, Risk
 from phasewire.hil.conformance.levers import GROUP, Levers, open_levers
 from phasewire.hil.conformance.running import RunOptions, run_conformance
-from phasewire.host.lines.opening import SCHEMES, entries
+from phasewire.host.transports.opening import SCHEMES, entries
 
 from tests.host.serving import Served
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.hil.conformance.profile import Profile, read_profile
 from phasewire.protocol.codes import PROTOCOL_REVISION
 from phasewire.protocol.wiring import Wiring

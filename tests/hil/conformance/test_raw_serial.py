@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import pytest
 import usb.core
 import usb.util
+from phasewire.base.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from phasewire.emulator import Emulator
-from phasewire.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from phasewire.hil.conformance.cases import Inconclusive
-from phasewire.hil.conformance.lines.serial import CdcWire, PortWire, RawSerialLine
-from phasewire.hil.conformance.lines.usb import RawUsbLine
 from phasewire.hil.conformance.tools.frames import console_frame, request_frame
-from phasewire.host.lines.usb_find import UsbFinder
+from phasewire.hil.conformance.transports.serial import CdcWire, PortWire, RawSerialLine
+from phasewire.hil.conformance.transports.usb import RawUsbLine
+from phasewire.host.transports.usb_find import UsbFinder
 from phasewire.protocol.codes import FrameKind, Request
 from phasewire.protocol.framing import LineMode
 from phasewire.protocol.replies import Info, Status

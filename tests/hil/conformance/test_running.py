@@ -12,9 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from phasewire.base.errors import DeviceError, DeviceNotFoundError
 from phasewire.emulator import Emulator
 from phasewire.emulator.control.requests import Requests
-from phasewire.errors import DeviceError, DeviceNotFoundError
 from phasewire.hil.conformance import Result, Run, Verdict, running
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Risk

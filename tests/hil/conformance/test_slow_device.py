@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from phasewire.emulator.control import agenda, batches, dispatch, requests
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.lines import usb
-from phasewire.hil.conformance.lines.usb import RawUsbLine
 from phasewire.hil.conformance.running import RunOptions, run_conformance
+from phasewire.hil.conformance.transports import usb
+from phasewire.hil.conformance.transports.usb import RawUsbLine
 from phasewire.hil.conformance.verdicts import Verdict
 
 TIMES = 20

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from phasewire.errors import MissingExtraError
+from phasewire.base.errors import MissingExtraError
 from phasewire.hil.study.judging import (
     PAPER_TRIALS,
     TABLE_1,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from phasewire import Mesh, TransducerArray
 from phasewire.feel.unfolding import SkinPatch, Unfolded
-from phasewire.hil.emission import emitted_waves
+from phasewire.hil.sound.emission import emitted_waves
 from phasewire.hil.study.persons import Exploration, Person
 from phasewire.hil.study.sensing import (
     BLUR,

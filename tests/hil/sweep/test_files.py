@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.hil.sweep.design import Design
 from phasewire.hil.sweep.files import MOST_ROWS, Sweep, read_sweep
 

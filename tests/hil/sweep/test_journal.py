@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.hil.sweep.journal import Journal, RowResult, journal_path
 from phasewire.hil.sweep.measures import Measures
 

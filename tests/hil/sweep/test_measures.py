@@ -9,7 +9,7 @@ import pytest
 import scipy
 from numpy.typing import NDArray
 from phasewire import Circle, ControlPoints, Medium, Outline, TransducerArray, pressure, render
-from phasewire.hil.sensing import sense, skin_over
+from phasewire.hil.loop.sensing import sense, skin_over
 from phasewire.hil.sweep.design import Design
 from phasewire.hil.sweep.measures import emitted, measure, quantised
 

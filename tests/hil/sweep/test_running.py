@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from phasewire.errors import ClusterError, ClusterNotFoundError, InputFileError
+from phasewire.base.errors import ClusterError, ClusterNotFoundError, InputFileError
 from phasewire.hil.sweep import crews
 from phasewire.hil.sweep.design import FIELDS, Design
 from phasewire.hil.sweep.files import Sweep, read_sweep

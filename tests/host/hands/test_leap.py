@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.errors import TrackerError, TrackerLostError, TrackerNotFoundError
+from phasewire.base.errors import TrackerError, TrackerLostError, TrackerNotFoundError
 from phasewire.host.hands import HandFrame, leap, open_hands
 from phasewire.host.hands.leap import ADVICE, LEAP, MOST_GARBLED, POLICIES, Address, LeapHands, ServiceClock
 from phasewire.host.hands.liveness import STEADY_SECONDS

@@ -8,7 +8,7 @@ from typing import Any
 import lzstring
 import numpy as np
 import pytest
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.host.hands import open_hands
 from phasewire.host.hands.leap_recording import LeapRecording, read_leap_recording
 

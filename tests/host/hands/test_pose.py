@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.host.hands import HandFrame, TrackedHand
 from phasewire.host.hands.pose import Pose
 from phasewire.solver.contact.hand import Hand

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.host.hands import HandFrame, TrackedHand, open_hands
 from phasewire.host.hands.pose import Pose
 from phasewire.host.hands.recording import MOST_LINE_BYTES, HandRecorder, HandRecording

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from phasewire.errors import TrackerLostError, TrackerNotFoundError
+from phasewire.base.errors import TrackerLostError, TrackerNotFoundError
 from phasewire.host.hands import HandFrame, returning
 from phasewire.host.hands.sources import LiveHands
 

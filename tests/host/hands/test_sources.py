@@ -7,11 +7,11 @@ from itertools import count
 from threading import Thread
 
 import pytest
+from phasewire.base.errors import TrackerError, TrackerLostError, TrackerNotFoundError
 from phasewire.cli.commands import exit_code
-from phasewire.errors import TrackerError, TrackerLostError, TrackerNotFoundError
 from phasewire.host.hands import HandFrame, HandSource, open_hands
 from phasewire.host.hands.sources import MOST_WAITING, LiveHands, PlayedHands, read_options
-from phasewire.host.lines import opening
+from phasewire.host.transports import opening
 
 from tests.host.hands.clocks import Clock
 

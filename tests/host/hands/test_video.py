@@ -16,8 +16,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire.errors import InputFileError, MissingExtraError, TrackerError, TrackerLostError, TrackerNotFoundError
-from phasewire.extras import install_command
+from phasewire.base.errors import (
+    InputFileError,
+    MissingExtraError,
+    TrackerError,
+    TrackerLostError,
+    TrackerNotFoundError,
+)
+from phasewire.base.extras import install_command
 from phasewire.host.hands import open_hands
 from phasewire.host.hands import video as video_module
 from phasewire.host.hands.picture_tracker import CameraView, SeenHand

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from phasewire import ControlPoints
 from phasewire.host.hands.frames import HandFrame, TrackedHand
 from phasewire.host.hands.sources import PlayedHands
-from phasewire.host.lines.transport import Timekeeper
+from phasewire.host.transports.transport import Timekeeper
 from phasewire.solver.contact.arcs import Arcs
 from phasewire.solver.contact.hand import Hand
 from phasewire.solver.contact.touch import Touch, Toucher

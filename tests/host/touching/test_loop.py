@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from phasewire import Circle, ControlPoints, Device, Emulator, Mesh, TransducerArray, open_device, pressure
+from phasewire.base.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError, TrackerLostError
 from phasewire.emulator.faults import HotBoard, InjectedFault, PowerCut, StalledEndpoint, Unplugged
-from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError, TrackerLostError
 from phasewire.host.hands import leap
 from phasewire.host.hands.frames import HandFrame, TrackedHand
 from phasewire.host.hands.liveness import STEADY_SECONDS

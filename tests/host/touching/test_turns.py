@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from phasewire import Device, Emulator, open_device
-from phasewire.errors import DeviceRefusedError
+from phasewire.base.errors import DeviceRefusedError
 from phasewire.host.touching.fields import PulseCycle
 from phasewire.host.touching.turns import Alternation, StoredTurns, StreamedTurns, _rotated, turns_for
 from phasewire.protocol.quantise import PulseFrames

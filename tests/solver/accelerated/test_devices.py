@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from phasewire import Circle, Medium, TransducerArray, pressure, sample_plane
-from phasewire.extras import install_command
+from phasewire.base.extras import install_command
 from phasewire.solver import Grid, sample_cut, sample_volume, solve_frames
 from phasewire.solver.accelerated.devices import check_backend, cuda_device, device_for, power_of_two
 

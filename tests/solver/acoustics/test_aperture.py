@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from matplotlib.image import imsave
 from phasewire import Medium, Transducer
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.solver import Aperture, residual, slice_field
 from phasewire.solver.acoustics.diffraction import KERNELS
 

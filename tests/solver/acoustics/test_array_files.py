@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.solver.acoustics.array import TransducerArray
 from phasewire.solver.acoustics.array_files import read_transducers
 

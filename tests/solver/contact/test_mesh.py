@@ -10,7 +10,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from phasewire.arguments import FARTHEST
+from phasewire.base.arguments import FARTHEST
 from phasewire.solver.contact.mesh import MOST_FACES, Mesh, Solid
 from scipy.spatial.transform import Rotation
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from phasewire import ControlPoints, Medium, Solution, Transducer, TransducerArray, pressure, solve
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.solver import Aperture
 from phasewire.solver.fields.field import PlaneField, VolumeField, sample_cut, sample_volume
 from phasewire.solver.fields.files import load_field, load_solution, save_field, save_solution

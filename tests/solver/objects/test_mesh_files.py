@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import trimesh
 from phasewire import Hand, Mesh
-from phasewire.errors import InputFileError, MissingExtraError
+from phasewire.base.errors import InputFileError, MissingExtraError
 from phasewire.solver.contact.cut import cut
 from phasewire.solver.objects.mesh_files import MESH_FILES, MOST_PARTS, read_mesh
 from phasewire.solver.objects.parsing import parse_object

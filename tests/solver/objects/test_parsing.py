@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Mesh
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.solver.contact.solids import SOLIDS
 from phasewire.solver.objects.parsing import MovingObject, object_help, parse_object
 

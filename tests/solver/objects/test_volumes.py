@@ -18,8 +18,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from phasewire import Mesh, read_volume_mesh
-from phasewire.errors import InputFileError
-from phasewire.extras import install_command
+from phasewire.base.errors import InputFileError
+from phasewire.base.extras import install_command
 from phasewire.solver.objects import volumes
 from phasewire.solver.objects.parsing import parse_object
 from phasewire.solver.objects.volumes import read_volume

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phasewire import ControlPoints, TransducerArray, pressure, solve
+from phasewire.base.pictures import save_figure
 from phasewire.cli.reproduce import figure_6_claims, figure_7_claims, range_claims
-from phasewire.pictures import save_figure
 from phasewire.solver.reproduction import pictures
 from phasewire.solver.reproduction.figures import (
     AtHeight,

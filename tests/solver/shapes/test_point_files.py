@@ -3,7 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.solver.shapes.point_files import read_points
 
 

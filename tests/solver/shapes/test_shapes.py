@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Circle, ControlPoints, Sphere
-from phasewire.errors import InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.solver.shapes.shapes import (
     SHAPES,
     Asterisk,

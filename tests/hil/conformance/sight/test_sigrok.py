@@ -14,8 +14,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from phasewire import Wiring
+from phasewire.base.errors import InputFileError
 from phasewire.emulator.ports.export import export
-from phasewire.errors import InputFileError
 from phasewire.hil.conformance.profile import Profile
 from phasewire.hil.conformance.sight import recorded, sigrok
 from phasewire.hil.conformance.sight.capture import Seen, Unseen

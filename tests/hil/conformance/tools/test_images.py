@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 from phasewire.hil.conformance.cases import Inconclusive, NotApplicable
+from phasewire.hil.conformance.mutants.catalogue import MUTANTS
+from phasewire.hil.conformance.mutants.patching import applied
 from phasewire.hil.conformance.running import RunOptions, open_bench
 from phasewire.hil.conformance.tools.dfu import dfu_mode
 from phasewire.hil.conformance.tools.images import of_whole_blocks
-from phasewire.mutants.catalogue import MUTANTS
-from phasewire.mutants.patching import applied
 from phasewire.protocol.codes import Target
 from phasewire.protocol.firmware import Image, Segment
 from phasewire.protocol.versions import Version

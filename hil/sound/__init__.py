@@ -1,0 +1,1 @@
+"""Sound from captured bits: what an array emits, and what arrives in air over time."""

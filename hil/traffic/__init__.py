@@ -1,0 +1,1 @@
+"""Recorded traffic between a host and a device, and what its bytes mean."""
