@@ -67,8 +67,8 @@ PROCESSOR_THREADS = 4
 CONTROLLER_CYCLES_PER_INSTRUCTION = max(LEAST_CYCLES_PER_INSTRUCTION, CONTROLLER_THREADS)
 PROCESSOR_CYCLES_PER_INSTRUCTION = max(LEAST_CYCLES_PER_INSTRUCTION, PROCESSOR_THREADS)
 
-# Instructions of firmware. Sorting and judging are counted by executing such code (`firmware/xmos/controller`); the times of
-# the processors are bounds of the chain's own firmware (`firmware/xmos/processor`).
+# Instructions of firmware. Sorting and judging are counted by executing such code (`firmware/xmos/controller`); the
+# times of the processors are bounds of the chain's own firmware (`firmware/xmos/processor`).
 #   sorting:     320 pulses taken from their 12 bits, checked, their drive added up, and put into their slices, by three
 #                of the controller's four workers
 #   judging:     277 for the CRC-32 of a block, 69 for its header, and 1190 that the reference device's C needs for

@@ -21,9 +21,10 @@ from weakref import WeakKeyDictionary
 
 from usb.core import USBError, USBTimeoutError
 
-from ...base.libusb import SET_CONFIGURATION, Bus, BusHandle, ParsedConfiguration, parsed
+from ...base.libusb import SET_CONFIGURATION, Bus, BusHandle
 from ...protocol.board import CORE_HZ, CYCLES_PER_MS
 from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Enumeration, Speed
+from ...protocol.parsed_configuration import ParsedConfiguration, parsed
 from ...protocol.requests import Setup
 from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, MICROFRAME_CYCLES, PACKET_CYCLES
 from ..door import Handshake, Stall

@@ -1,7 +1,7 @@
 """Builds the chain processors' program: compile, assemble, link, and check that it fits memory, stacks and threads.
 
-Sources are in `firmware/xmos/processor`. The assembly that clang makes of the C is kept beside them, so that a build needs
-no clang (`kept`). The built image and its map are kept too.
+Sources are in `firmware/xmos/processor`. The assembly that clang makes of the C is kept beside them, so that a build
+needs no clang (`kept`). The built image and its map are kept too.
 """
 
 from __future__ import annotations

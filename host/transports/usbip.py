@@ -31,10 +31,11 @@ from weakref import WeakValueDictionary
 from usb.core import USBError
 
 from ...base.errors import DeviceNotFoundError, DeviceUrlError, ReplyError
-from ...base.libusb import ORDER_MS, SET_CONFIGURATION, Bus, BusHandle, ParsedConfiguration, parsed
+from ...base.libusb import ORDER_MS, SET_CONFIGURATION, Bus, BusHandle
 from ...protocol.codes import DescriptorType, StandardRequest
 from ...protocol.descriptors import DeviceDescriptor
 from ...protocol.enumeration import ARRAY_CLASS, DFU_MODE_CLASS
+from ...protocol.parsed_configuration import ParsedConfiguration, parsed
 from ...protocol.requests import DIRECTION_IN, Setup
 from ...protocol.usbip import PORT, Offer
 from .flight import READ_BYTES, Flight, FlightTransfer

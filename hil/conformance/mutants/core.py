@@ -1,11 +1,11 @@
 """Break the reference device in one way at a time, and see whether the conformance suite notices.
 
-A mutant is an entry of `hil/conformance/mutants/*.toml`: a bug as C programmers make them, in the form of `phasewire.hil.conformance.mutants.texts`.
+A mutant is an entry of `core/*.toml`: a bug as C programmers make them, in the form of `texts`.
 Each is built as a shared library and judged in virtual time by the groups that its entry names
-(`python/phasewire_reference.py`)::
+(`firmware/python/phasewire_reference.py`)::
 
-    python hil/conformance/mutants/core.py             # all of them, two at a time; exit code 1 if one gets away
-    python hil/conformance/mutants/core.py NAME ...    # some of them
+    python -m phasewire.hil.conformance.mutants.core             # all, two at a time; exit code 1 if one gets away
+    python -m phasewire.hil.conformance.mutants.core NAME ...    # some of them
 """
 
 from __future__ import annotations

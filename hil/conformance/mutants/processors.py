@@ -1,11 +1,11 @@
 """Break the chain processors' program in one way at a time, and see whether the conformance suite notices.
 
-The bugs are changes of the sources in `firmware/xmos/processor` (`processors.toml`, in the form of `texts`). The program is
-built with each, and executed by all ten processors of an emulated device, which the cases that should catch it judge.
+The bugs are changes of the sources in `firmware/xmos/processor` (`processors.toml`, in the form of `texts`). The program
+is built with each, and executed by all ten processors of an emulated device, which the cases that should catch it judge.
 If an entry names no case, the build itself must refuse the program. The program without a bug must pass all these
 cases. A bug in C needs clang with the target xcore::
 
-    python -m phasewire.hil.conformance.mutants.processors             # all of them, two at a time; exit code 1 if one gets away
+    python -m phasewire.hil.conformance.mutants.processors             # all; exit code 1 if one gets away
     python -m phasewire.hil.conformance.mutants.processors NAME ...    # some of them
 """
 
