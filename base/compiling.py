@@ -26,6 +26,7 @@ __all__ = ["kernel", "part"]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _log = logging.getLogger(__name__)
+_ROOT = __name__.removesuffix("base.compiling")
 _choosing = Lock()
 """Of numba's setting, which all threads share: several may load kernels at a time."""
 
@@ -37,7 +38,7 @@ class _Notice(event.Listener):
 
     def on_start(self, event: Any) -> None:
         compiled = event.data["dispatcher"]
-        if self._said or not str(compiled.py_func.__module__).startswith(f"{__package__}."):
+        if self._said or not str(compiled.py_func.__module__).startswith(_ROOT):
             return
         self._said = True
         when = "the first time on a machine"

@@ -22,7 +22,7 @@ extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_co
 
 # The sources are the repository's own documents, so that their links lead to the same places here and there.
 root_doc = "docs/index"
-include_patterns = ["docs/**.md", "docs/tutorial/tour.ipynb", "*.md", "protocol/SPEC.md", "[er]*/README.md"]
+include_patterns = ["docs/**.md", "docs/tutorial/tour.ipynb", "*.md", "protocol/SPEC.md", "[ef]*/README.md"]
 exclude_patterns = [
     ".venv",
     ".peers",
@@ -33,7 +33,6 @@ exclude_patterns = [
     "emulator",
     "host",
     "hil",
-    "mutants",
     "cli",
 ]
 

@@ -32,7 +32,7 @@ from typer.core import TyperGroup
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "protocol/SPEC.md")),
-    *(ROOT / name / "README.md" for name in ("examples", "reference")),
+    *(ROOT / name / "README.md" for name in ("examples", "firmware")),
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

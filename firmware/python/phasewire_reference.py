@@ -2,7 +2,7 @@
 
 With this folder on `PYTHONPATH`, phasewire finds the entry points beside this module::
 
-    make -C reference library
+    make -C firmware library
     PYTHONPATH=firmware/python phasewire conformance --device reference: --door reference-uart: \
         --capture reference: --levers reference: --allow reset --allow flash --allow drive
 

