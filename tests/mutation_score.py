@@ -1,7 +1,7 @@
 """How many small random changes of the product's code the unit tests notice, by room.
 
-Two steps, both on a quiet machine. The first runs the unit tests under coverage and keeps which test reaches which line;
-the second makes changes of a fixed seed, one at a time, and runs the tests that reach the changed line::
+Two steps, both on a quiet machine. The first runs the unit tests under coverage and keeps which test reaches which
+line; the second makes changes of a fixed seed, one at a time, and runs the tests that reach the changed line::
 
     python -m tests.mutation_score reach                       # some ten minutes; writes build/mutation/
     python -m tests.mutation_score judge --count 1500 --minutes 90   # goes on where it stopped
@@ -34,7 +34,7 @@ REACHED, SECONDS = BUILD / "reached.json", BUILD / "seconds.json"
 ROOMS = ("protocol", "solver", "emulator", "host", "hil", "view", "feel", "firmware", "cli", "base")
 UNIT = "not slow and not guest and not page"
 PATIENCE_SECONDS = 60.0
-"""For the tests of one change, beyond five times what they take without it: more is an endless loop, which is noticed."""
+"""For the tests of one change, beyond five times what they take without it: more is an endless loop, and noticed."""
 MOST_SECONDS = 90.0
 """Of tests for one change, the quick ones first. What only the others notice counts as not noticed."""
 
