@@ -32,6 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "mutation"
 REACHED, SECONDS = BUILD / "reached.json", BUILD / "seconds.json"
 ROOMS = ("protocol", "solver", "emulator", "host", "hil", "view", "feel", "firmware", "cli", "base")
+PYTEST = str(Path(sys.executable).with_name("pytest"))
 UNIT = "not slow and not guest and not page"
 PATIENCE_SECONDS = 60.0
 """For the tests of one change, beyond five times what they take without it: more is an endless loop, and noticed."""
@@ -127,7 +128,7 @@ def reach(jobs: int) -> None:
 
     BUILD.mkdir(parents=True, exist_ok=True)
     data, results = BUILD / "coverage", BUILD / "results.xml"
-    command = [sys.executable, "-m", "pytest", "-q", "-n", str(jobs), "-m", UNIT, f"--junitxml={results}", "-o"]
+    command = [PYTEST, "-q", "-n", str(jobs), "-m", UNIT, f"--junitxml={results}", "-o"]
     command += ["junit_family=xunit1", *(f"--cov={room}" for room in ROOMS), "--cov-context=test", "--cov-report="]
     subprocess.run(command, cwd=ROOT, check=False, env=os.environ | {"COVERAGE_FILE": str(data)})
     read = CoverageData(str(data))
@@ -173,32 +174,13 @@ def judged(change: Change, tests: list[str], tree: Path, limit: float, whole: bo
     target.write_bytes(kept[: change.start] + change.text.encode() + kept[change.stop :])
     names, results = tree / "tests.txt", tree / "results.xml"
     names.write_text("\n".join(tests))
-    stop = [] if whole else ["-x"]
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        *stop,
-        "-n",
-        "0",
-        "-p",
-        "no:cacheprovider",
-        f"--junitxml={results}",
-    ]
+    command = [PYTEST, "-q", "-n", "0", "-p", "no:cacheprovider", f"--junitxml={results}", f"@{names}"]
+    command += [] if whole else ["-x"]
     environment = os.environ | {"PYTHONPATH": str(tree / "typings"), "NUMBA_CACHE_DIR": str(tree / "build" / "numba")}
     environment["PYTHONDONTWRITEBYTECODE"] = "1"
     results.unlink(missing_ok=True)
     try:
-        done = subprocess.run(
-            [*command, f"@{names}"],
-            cwd=tree,
-            env=environment,
-            timeout=limit,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = subprocess.run(command, cwd=tree, env=environment, timeout=limit, capture_output=True, check=False)
     except subprocess.TimeoutExpired:
         return ["no end"]
     finally:
@@ -207,11 +189,8 @@ def judged(change: Change, tests: list[str], tree: Path, limit: float, whole: bo
         return []
     if not results.exists():
         return ["no start"]
-    found = [
-        f"{case.get('classname')}::{case.get('name')}"
-        for case in ElementTree.parse(results).iter("testcase")
-        if list(case)
-    ]
+    cases = ElementTree.parse(results).iter("testcase")
+    found = [f"{case.get('classname')}::{case.get('name')}" for case in cases if list(case)]
     return found or ["no start"]
 
 
