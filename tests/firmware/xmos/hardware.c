@@ -1,7 +1,7 @@
 /* Stands in for the chip when the program's C is compiled for another machine: time is set by the test, and what would be
    rasterised is noted down. */
-#include "../../firmware/processor/hardware.h"
-#include "../../firmware/processor/processor.h"
+#include "../../../firmware/xmos/processor/hardware.h"
+#include "../../../firmware/xmos/processor/processor.h"
 
 #include <string.h>
 

@@ -56,7 +56,8 @@ def test_examples_run() -> None:
 
 
 @pytest.mark.parametrize(
-    "module", [*(f"xs1.{name}" for name in ("names", "switch", "assembler", "disassembler", "debugger")), "cli.xs1"]
+    "module",
+    [*(f"firmware.xs1.{name}" for name in ("names", "switch", "assembler", "disassembler", "debugger")), "cli.xs1"],
 )
 def test_only_what_executes_imports_numba(module: str) -> None:
     code = f"import sys, phasewire.{module}; print('numba' in sys.modules)"

@@ -1,5 +1,5 @@
 # Made by clang from blk.c; do not edit.
-# sha256 of it and what it includes: 4ff95b8020cde71bf46261278b738b6b70bf7fab23896c08f50903eb68a4920e
+# sha256 of it and what it includes: 0e9853b3137238b13bcab8b1d5f1b103a9da4a81be03e2a3f14fbdd3cd647e73
 	.text
 	.globl	pw_block_check
 	.p2align	2

@@ -1,5 +1,5 @@
 # Made by clang from blk_plan.c; do not edit.
-# sha256 of it and what it includes: a1cde46cd0dd754c104a989e69a0871dbecc47daf174976449ad094d33d3108a
+# sha256 of it and what it includes: ebea505c9053ce88e94ed68378b2bdeb59b9bf001e41716b5309a443d6a75f1e
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2

@@ -1,5 +1,5 @@
 # Made by clang from blk_stores.c; do not edit.
-# sha256 of it and what it includes: ad95d5f752947e1677ac20ce8279f549cb32679ecefd72a4d33685f8776d38ea
+# sha256 of it and what it includes: ac3ca2c472cff9873ee81fde6d2d81bdcc66ea8d9af2e9fc036c571e242802da
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2

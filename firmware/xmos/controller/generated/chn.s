@@ -1,5 +1,5 @@
 # Made by clang from chn.c; do not edit.
-# sha256 of it and what it includes: 8462814ee3cd37d8b077bc91e991e926c3392c70892d7cd7e4a2ee3c67a8b0f3
+# sha256 of it and what it includes: cc2cb46c487ba8e9b460d481a72bfe75dc18e197bebc7f04f4938415f343b82b
 	.text
 	.globl	pw_slice_put
 	.p2align	2

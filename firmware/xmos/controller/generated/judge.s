@@ -1,5 +1,5 @@
 # Made by clang from judge.c; do not edit.
-# sha256 of it and what it includes: 74954672d26524f4546216d3063f87e13eb5d89ef4caac3a05aa88d4eba880fc
+# sha256 of it and what it includes: cdecfbe314574d832a23ae9982c1fb42890764b979549e22576b6cf792c40a20
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2

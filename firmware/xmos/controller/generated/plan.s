@@ -1,5 +1,5 @@
 # Made by clang from plan.c; do not edit.
-# sha256 of it and what it includes: 7b51eebb352d8afe286fdaae8bc9000134ebeab2448bfecd2c151ae7c14addf1
+# sha256 of it and what it includes: a9d75ec172e01058e7a08f47d2804f12e6da8ac01b356c60ccb9e52ce2073633
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2

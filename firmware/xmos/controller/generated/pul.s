@@ -1,5 +1,5 @@
 # Made by clang from pul.c; do not edit.
-# sha256 of it and what it includes: ba45d51227ffc030daa5489bec724a7a780581091561c29339f2882a6703f5f8
+# sha256 of it and what it includes: b3b4627e54fa901354b850e5fc18f83d5fa3cc470a6682853727e33968e16f56
 	.text
 	.globl	pw_pulse_get
 	.p2align	2

@@ -1,5 +1,5 @@
 # Made by clang from sums.c; do not edit.
-# sha256 of it and what it includes: f8ab7cf368ceee1cc7874078f91fa08cedb5a8fd8183a530386b2e31c012f96a
+# sha256 of it and what it includes: dd4f0bb12bee9fa16f2c92caf0acaa82fd56bcce9d9a208ad237961ef6c177a7
 	.text
 	.section	.cp.rodata.cst4,"aMc",@progbits,4
 	.p2align	2
