@@ -17,9 +17,9 @@ import usb.backend
 import usb.legacy
 from usb.core import USBError
 
-__all__ = ["ORDER_MS", "SET_CONFIGURATION", "Bus", "BusConfiguration", "BusDevice", "BusHandle"]
+__all__ = ["COMMAND_MS", "SET_CONFIGURATION", "Bus", "BusConfiguration", "BusDevice", "BusHandle"]
 
-ORDER_MS = 5000
+COMMAND_MS = 5000
 """For requests of the bus itself, as Linux has it."""
 SET_CONFIGURATION = (0x00, usb.legacy.REQ_SET_CONFIGURATION)
 _SET_INTERFACE = (0x01, usb.legacy.REQ_SET_INTERFACE)
@@ -131,7 +131,7 @@ class Bus(usb.backend.IBackend, Generic[Handle]):
         dev_handle.check_there()
         if dev_handle.device.claims:
             raise USBError("Resource busy", None, errno.EBUSY)
-        self.order(dev_handle, SET_CONFIGURATION, config_value, 0)
+        self.command(dev_handle, SET_CONFIGURATION, config_value, 0)
 
     def get_configuration(self, dev_handle: Handle) -> int:
         """The selected configuration, 0 for none."""
@@ -141,7 +141,7 @@ class Bus(usb.backend.IBackend, Generic[Handle]):
     def set_interface_altsetting(self, dev_handle: Handle, intf: int, altsetting: int) -> None:
         """Select a setting of an interface."""
         dev_handle.claim(intf)
-        self.order(dev_handle, _SET_INTERFACE, altsetting, intf)
+        self.command(dev_handle, _SET_INTERFACE, altsetting, intf)
 
     def claim_interface(self, dev_handle: Handle, intf: int) -> None:
         """Claim the interface for this handle alone."""
@@ -153,8 +153,8 @@ class Bus(usb.backend.IBackend, Generic[Handle]):
 
     def clear_halt(self, dev_handle: Handle, ep: int) -> None:
         """End the halt of an endpoint."""
-        self.order(dev_handle, _CLEAR_FEATURE, _ENDPOINT_HALT, ep)
+        self.command(dev_handle, _CLEAR_FEATURE, _ENDPOINT_HALT, ep)
 
-    def order(self, dev_handle: Handle, request: tuple[int, int], value: int, index: int) -> None:
+    def command(self, dev_handle: Handle, request: tuple[int, int], value: int, index: int) -> None:
         """Carry out a standard request without data."""
-        self.ctrl_transfer(dev_handle, *request, value, index, b"", ORDER_MS)
+        self.ctrl_transfer(dev_handle, *request, value, index, b"", COMMAND_MS)

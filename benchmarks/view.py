@@ -172,7 +172,7 @@ def answers() -> dict[int, bytes]:
     with Emulator() as emulator, open_device(emulator.url) as device:
         line = device._session._line
         return {
-            int(request): bytes(line.ask(request, ANSWER_BYTES[request]))
+            int(request): bytes(line.query(request, ANSWER_BYTES[request]))
             for request in (Request.PULSES, Request.PROCESSORS)
         }
 

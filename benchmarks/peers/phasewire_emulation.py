@@ -53,7 +53,7 @@ def enter(scene: Scene) -> Entry:
     def record(seconds: float) -> Recording:
         with Emulator() as emulator:
             transport = open_transport(emulator.url)
-            transport.order(Request.ENABLE)
+            transport.command(Request.ENABLE)
             transport.write_blocks(b"".join(map(pack, blocks)), PATIENCE_SECONDS)
             acks: list[Ack] = []
             while len(acks) < len(blocks):

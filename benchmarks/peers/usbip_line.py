@@ -185,11 +185,11 @@ class UsbIpLine:
         """Do nothing: what was sent stays sent."""
         return 0
 
-    def ask(self, request: Request, size: int) -> bytes:
+    def query(self, request: Request, size: int) -> bytes:
         """Make a control request that is answered."""
         return self._control(DIRECTION_IN, Setup(REQUEST_TYPE_IN, request, 0, 0, size))
 
-    def order(self, request: Request, value: int = 0) -> None:
+    def command(self, request: Request, value: int = 0) -> None:
         """Make a control request that is only carried out."""
         self._control(0, Setup(REQUEST_TYPE_OUT, request, value, 0, 0))
 

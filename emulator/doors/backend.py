@@ -313,7 +313,7 @@ class EmulatorBackend(Bus[Handle]):
         if not attachment.there:
             raise USBError("Entity not found", None, errno.ENOENT)
         if configuration:
-            self.order(dev_handle, SET_CONFIGURATION, configuration, 0)
+            self.command(dev_handle, SET_CONFIGURATION, configuration, 0)
 
 
 def _stalled(what: str) -> NoReturn:

@@ -221,20 +221,20 @@ class Device:
 
     def clock(self) -> ClockReading:
         """The device's time, and the last pulse on its sync line."""
-        return self._session.ask(ClockReading.decode, Request.CLOCK)
+        return self._session.query(ClockReading.decode, Request.CLOCK)
 
     def wiring(self) -> Wiring:
         """The table by which the device sorts transducers to its outputs."""
-        return self._session.ask(decode_wiring, Request.WIRING)
+        return self._session.query(decode_wiring, Request.WIRING)
 
     def processors(self) -> list[ProcessorReport]:
         """The last report of each of the ten processors, in the order of the chain."""
-        return self._session.ask(decode_reports, Request.PROCESSORS)
+        return self._session.query(decode_reports, Request.PROCESSORS)
 
     def read_back(self) -> ReadBack:
         """The pulses that play now, as read from the processors, before any modulation."""
         self._need(Feature.READ_BACK)
-        return self._session.ask(ReadBack.decode, Request.PULSES)
+        return self._session.query(ReadBack.decode, Request.PULSES)
 
     # Switches
 
@@ -248,7 +248,7 @@ class Device:
         """
         with self._session.lock:
             try:
-                self._session.order(Request.ENABLE)
+                self._session.command(Request.ENABLE)
             except DeviceStalledError as error:
                 status = self.status()
                 faults = flag_names(status.faults)
@@ -267,7 +267,7 @@ class Device:
         with self._session.lock:
             self._enabled = False
             self._envelope = None
-            self._session.order(Request.DISABLE)
+            self._session.command(Request.DISABLE)
 
     def reset(self) -> None:
         """Restart the device as at power-up, and open it again when it returns: its stores are empty."""
@@ -275,7 +275,7 @@ class Device:
         with self._session.lock:
             self._enabled = False
             with suppress(DeviceLostError):  # it may be gone before it has answered
-                self._session.order(Request.RESET)
+                self._session.command(Request.RESET)
             self._session.wait_until_gone()
             self.reopen()
 
@@ -312,11 +312,11 @@ class Device:
     def clear_faults(self) -> Status:
         """Clear the faults whose cause is gone, and return the others."""
         with self._session.lock:
-            self._session.order(Request.CLEAR_FAULTS)
+            self._session.command(Request.CLEAR_FAULTS)
             return self.status()
 
     def _order(self, request: Request, what: str, value: int) -> None:
-        self._session.order(request, whole(what, value, VALUES[request][0], VALUES[request][-1]))
+        self._session.command(request, whole(what, value, VALUES[request][0], VALUES[request][-1]))
 
     # Playing
 

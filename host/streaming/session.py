@@ -125,7 +125,7 @@ class Session:
         self._restart = True
         self._free: int | None = None
         self._heard_at = 0
-        self.info = self.ask(Info.decode, Request.INFO)
+        self.info = self.query(Info.decode, Request.INFO)
         if not self.info.speaks(PROTOCOL_VERSION):
             older = "firmware" if self.info.newest_version < PROTOCOL_VERSION else "phasewire"
             raise DeviceVersionError(
@@ -141,10 +141,10 @@ class Session:
         """
         with self.lock:
             self._begun = True
-            self.order(Request.DISABLE)
+            self.command(Request.DISABLE)
             least_ms = watchdog_ms(self._line.most_blocks_per_second)
             if self._watchdog < least_ms / 1000:
-                self.order(Request.WATCHDOG, least_ms)
+                self.command(Request.WATCHDOG, least_ms)
             self.send(NoOp())
 
     @property
@@ -193,7 +193,7 @@ class Session:
         try:
             if self._begun:  # otherwise another program plays
                 with suppress(DeviceError):  # out of reach: its watchdog does it
-                    self._line.order(Request.DISABLE)
+                    self._line.command(Request.DISABLE)
         finally:
             self.end()
 
@@ -237,15 +237,15 @@ class Session:
 
     # Requests
 
-    def ask(self, decode: Callable[[bytes], Answer], request: Request) -> Answer:
+    def query(self, decode: Callable[[bytes], Answer], request: Request) -> Answer:
         """Make a control request and read its answer; raises `DeviceError` if that breaks the protocol."""
         with self.lock:
-            return self._read(decode, self.line().ask(request, ANSWER_BYTES[request]))
+            return self._read(decode, self.line().query(request, ANSWER_BYTES[request]))
 
-    def order(self, request: Request, value: int = 0) -> None:
+    def command(self, request: Request, value: int = 0) -> None:
         """Make a control request without an answer."""
         with self.lock:
-            self.line().order(request, value)
+            self.line().command(request, value)
             if request is Request.WATCHDOG:
                 self._watchdog = value / 1000
 
@@ -258,7 +258,7 @@ class Session:
             If it has restarted meanwhile, which a serial line does not report by itself.
         """
         with self.lock:
-            status = self.ask(Status.decode, Request.STATUS)
+            status = self.query(Status.decode, Request.STATUS)
             self._watchdog = status.watchdog_ms / 1000
             restarted, self._heard_at = status.now < self._heard_at, status.now
         if restarted:

@@ -217,11 +217,11 @@ class SerialTransport:
         """A serial line has nothing that it could give back."""
         return 0
 
-    def ask(self, request: Request, size: int) -> bytes:
+    def query(self, request: Request, size: int) -> bytes:
         """Make a control request with an answer; it is repeated if none comes."""
         return self._request(f"asking for {request.name}", request, REQUEST_TYPE_IN, 0, size)
 
-    def order(self, request: Request, value: int = 0) -> None:
+    def command(self, request: Request, value: int = 0) -> None:
         """Make a control request without an answer; it is repeated if nothing says that it was done.
 
         RESET and REVERT never are, ENABLE and CLEAR_FAULTS only if STATUS says that they were not carried out.
@@ -302,7 +302,7 @@ class SerialTransport:
 
     def _ask_who(self) -> bytes:
         """Eight bytes that no other device has."""
-        return self._decoded(Info.decode, self.ask(Request.INFO, Info.BYTES)).unique_id
+        return self._decoded(Info.decode, self.query(Request.INFO, Info.BYTES)).unique_id
 
     def _decoded(self, decode: Callable[[bytes], Answer], data: bytes) -> Answer:
         with understood(self.name):
@@ -344,7 +344,7 @@ class SerialTransport:
         return request is Request.CLEAR_FAULTS and not self._status().faults
 
     def _status(self) -> Status:
-        return self._decoded(Status.decode, self.ask(Request.STATUS, Status.BYTES))
+        return self._decoded(Status.decode, self.query(Request.STATUS, Status.BYTES))
 
     # Bytes
 

@@ -144,17 +144,17 @@ class TracedTransport:
             self._tell("out", "blocks", f"{left // BLOCK_BYTES} were taken back")
         return left
 
-    def ask(self, request: Request, size: int) -> bytes:
+    def query(self, request: Request, size: int) -> bytes:
         """Make a control request with an answer."""
         with self._failures("in", "request", request):
-            data = self._inner.ask(request, size)
+            data = self._inner.query(request, size)
         self._describe("in", describe_request(Setup(REQUEST_TYPE_IN, request, 0, 0, size).encode(), data))
         return data
 
-    def order(self, request: Request, value: int = 0) -> None:
+    def command(self, request: Request, value: int = 0) -> None:
         """Make a control request without an answer."""
         with self._failures("out", "request", request):
-            self._inner.order(request, value)
+            self._inner.command(request, value)
         self._describe("out", describe_request(Setup(REQUEST_TYPE_OUT, request, value, 0, 0).encode(), b""))
 
     def reopen(self, seconds: float) -> None:

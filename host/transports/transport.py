@@ -102,10 +102,10 @@ class Transport(Protocol):
     def take_back(self) -> int:
         """Drop the blocks that the line has not sent yet; returns their number of bytes, 0 if `posts` is false."""
 
-    def ask(self, request: Request, size: int) -> bytes:
+    def query(self, request: Request, size: int) -> bytes:
         """Make a control request that is answered with up to ``size`` bytes."""
 
-    def order(self, request: Request, value: int = 0) -> None:
+    def command(self, request: Request, value: int = 0) -> None:
         """Make a control request that is only carried out."""
 
     def reopen(self, seconds: float) -> None:

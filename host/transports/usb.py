@@ -161,12 +161,12 @@ class UsbTransport:
                 self._device.clear_halt(ENDPOINT_OUT)
             return left + part
 
-    def ask(self, request: Request, size: int) -> bytes:
+    def query(self, request: Request, size: int) -> bytes:
         """Make a control request with an answer."""
         with translated(f"asking for {request.name}"):
             return bytes(self._device.ctrl_transfer(REQUEST_TYPE_IN, request, 0, ARRAY_INTERFACE, size, REQUEST_MS))
 
-    def order(self, request: Request, value: int = 0) -> None:
+    def command(self, request: Request, value: int = 0) -> None:
         """Make a control request without an answer."""
         with translated(f"ordering {request.name}"):
             self._device.ctrl_transfer(REQUEST_TYPE_OUT, request, value, ARRAY_INTERFACE, None, REQUEST_MS)

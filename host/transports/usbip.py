@@ -31,7 +31,7 @@ from weakref import WeakValueDictionary
 from usb.core import USBError
 
 from ...base.errors import DeviceNotFoundError, DeviceUrlError, ReplyError
-from ...base.libusb import ORDER_MS, SET_CONFIGURATION, Bus, BusHandle
+from ...base.libusb import COMMAND_MS, SET_CONFIGURATION, Bus, BusHandle
 from ...protocol.codes import DescriptorType, StandardRequest
 from ...protocol.descriptors import DeviceDescriptor
 from ...protocol.enumeration import ARRAY_CLASS, DFU_MODE_CLASS
@@ -95,7 +95,7 @@ class UsbIpDevice:
         self.configurations = [ParsedConfiguration(each) for each in configurations]
         if not self.configurations:
             raise ReplyError("it has no configuration")
-        self.configuration = int.from_bytes(self.ask(DIRECTION_IN, StandardRequest.GET_CONFIGURATION, 0, 0, 1))
+        self.configuration = int.from_bytes(self.query(DIRECTION_IN, StandardRequest.GET_CONFIGURATION, 0, 0, 1))
 
     @property
     def there(self) -> bool:
@@ -114,11 +114,11 @@ class UsbIpDevice:
         return device, configurations
 
     def _descriptor(self, kind: int, index: int, size: int) -> bytes:
-        return self.ask(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, kind << 8 | index, 0, size)
+        return self.query(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, kind << 8 | index, 0, size)
 
-    def ask(self, kind: int, request: int, value: int, index: int, size: int = 0) -> bytes:
+    def query(self, kind: int, request: int, value: int, index: int, size: int = 0) -> bytes:
         """Make a control request of the bus itself; returns the answer."""
-        return self.control(Setup(kind, request, value, index, size), b"", ORDER_MS).received
+        return self.control(Setup(kind, request, value, index, size), b"", COMMAND_MS).received
 
     def control(self, setup: Setup, data: bytes, timeout_ms: int) -> Urb:
         """Carry out a control transfer; raises `USBError` if it fails or takes too long."""
@@ -307,7 +307,7 @@ class UsbIpBackend(Bus[UsbIpHandle]):
             before, device.configuration = device.configuration, 0
             if device.look() == device.seen:
                 if before:
-                    self.order(dev_handle, SET_CONFIGURATION, before, 0)
+                    self.command(dev_handle, SET_CONFIGURATION, before, 0)
                 return
             device.replaced = True
             with _attaching, suppress(ReplyError):

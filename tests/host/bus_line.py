@@ -107,10 +107,10 @@ class BusLine:
     def take_back(self) -> int:
         return 0
 
-    def ask(self, request: Request, size: int) -> bytes:
+    def query(self, request: Request, size: int) -> bytes:
         return self._control(Setup(REQUEST_TYPE_IN, request, 0, 0, size))
 
-    def order(self, request: Request, value: int = 0) -> None:
+    def command(self, request: Request, value: int = 0) -> None:
         self._control(Setup(REQUEST_TYPE_OUT, request, value, 0, 0))
 
     def reopen(self, seconds: float) -> None:

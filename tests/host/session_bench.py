@@ -122,7 +122,7 @@ class ModelDevice:
         """In ticks."""
         return round(self.time.now * 2e6)
 
-    def ask(self, request: Request) -> bytes:
+    def query(self, request: Request) -> bytes:
         if request is Request.INFO:
             return self.info
         if request is Request.CLOCK:
@@ -135,7 +135,7 @@ class ModelDevice:
         fields = {"state": self.state, "flags": int(self.fired), "now": self.now, "free": self.free}
         return spec.build_status({**fields, "watchdog_ms": round(self.watchdog * 1000)})
 
-    def order(self, request: Request, value: int) -> None:
+    def command(self, request: Request, value: int) -> None:
         self.orders.append((request, value))
         match request:
             case Request.ENABLE:
@@ -226,15 +226,15 @@ class BenchLine:
     def take_back(self) -> int:
         return 0
 
-    def ask(self, request: Request, size: int) -> bytes:
+    def query(self, request: Request, size: int) -> bytes:
         self.fails(request.name)
         self.time.sleep(0.1 * MS)
         self.device.pass_time()
-        return self.device.ask(request)[:size]
+        return self.device.query(request)[:size]
 
-    def order(self, request: Request, value: int = 0) -> None:
+    def command(self, request: Request, value: int = 0) -> None:
         self.fails(request.name)
-        self.device.order(request, value)
+        self.device.command(request, value)
 
     def reopen(self, seconds: float) -> None:
         self.fails("reopen")
@@ -310,7 +310,7 @@ def begun(line: BenchLine) -> Session:
 def enabled(line: BenchLine) -> Session:
     """A session with a device whose outputs are enabled."""
     session = begun(line)
-    session.order(Request.ENABLE)
+    session.command(Request.ENABLE)
     return session
 
 

@@ -486,7 +486,7 @@ class Left:
     def out(self, request: int, value: int = 0, data: bytes = b"") -> None:
         self.emulator.usb.control(Setup(0x21, request, value, 0, len(data)), data)
 
-    def ask(self, request: int, value: int = 0, length: int = 6) -> bytes:
+    def query(self, request: int, value: int = 0, length: int = 6) -> bytes:
         return self.emulator.usb.control(Setup(0xA1, request, value, 0, length))
 
     def wait(self, ms: int) -> None:
@@ -495,7 +495,7 @@ class Left:
     def send(self, stored: bytes, blocks: int) -> None:
         for number in range(blocks):
             self.out(1, number, stored[number * BLOCK : (number + 1) * BLOCK])
-            while poll := int.from_bytes(self.ask(3)[1:4], "little"):
+            while poll := int.from_bytes(self.query(3)[1:4], "little"):
                 self.wait(poll)
 
     def err(self) -> None:
@@ -511,7 +511,7 @@ class Left:
 
     def busy(self) -> None:
         self.in_block()
-        self.ask(3)
+        self.query(3)
 
     def all_sent(self) -> None:
         self.send(NEWER.encode(), BLOCKS)
@@ -519,10 +519,10 @@ class Left:
 
     def manifesting(self) -> None:
         self.all_sent()
-        self.ask(3)
+        self.query(3)
 
     def reading(self) -> None:
-        self.ask(2, 0, BLOCK)
+        self.query(2, 0, BLOCK)
 
 
 LEAVINGS: list[Callable[[Left], None]] = [

@@ -145,7 +145,7 @@ def test_what_fails_takes_back_what_was_not_carried(error: BaseException) -> Non
     with pytest.raises(type(error)):
         session.settle()
     assert not line.under_way
-    session.order(Request.DISABLE)
+    session.command(Request.DISABLE)
     with pytest.raises(DeviceRefusedError) as refused:
         session.send(change(1))
     assert refused.value.reason is Reason.DISABLED

@@ -111,7 +111,7 @@ def test_closing_leaves_the_line_to_a_person(line: SerialTransport, port: BenchP
     assert not port.is_open
     line.close()
     with pytest.raises(DeviceLostError):
-        line.ask(Request.STATUS, Status.BYTES)
+        line.query(Request.STATUS, Status.BYTES)
     with pytest.raises(DeviceLostError):
         line.read_records(0.1)
 
@@ -193,31 +193,31 @@ def test_an_info_that_breaks_the_protocol_is_no_device(port: BenchPort) -> None:
 def test_the_worked_example_is_what_is_sent(line: SerialTransport, port: BenchPort) -> None:
     """STATUS under tag 2A; INFO had tag 1."""
     for _ in range(0x2A - 1):
-        line.ask(Request.STATUS, Status.BYTES)
+        line.query(Request.STATUS, Status.BYTES)
     assert port.written[-1] == b"\0" + hex_examples()["SERIAL_STATUS_REQUEST"]
 
 
 def test_tags_go_round(line: SerialTransport, port: BenchPort) -> None:
     for _ in range(300):
-        assert line.ask(Request.STATUS, Status.BYTES) == port.device.status.encode()
+        assert line.query(Request.STATUS, Status.BYTES) == port.device.status.encode()
     tags = [request.tag for request in port.device.requests]
     assert tags == [number % 256 for number in range(1, 302)]
 
 
 def test_values_and_answers_pass(line: SerialTransport, port: BenchPort) -> None:
-    line.order(Request.WATCHDOG, 5_000)
+    line.command(Request.WATCHDOG, 5_000)
     assert port.device.requests[-1] == dataclasses.replace(
         port.device.requests[-1], request_type=0x41, request=6, value=5_000, index=0, length=0
     )
-    assert line.ask(Request.STATUS, 5) == port.device.status.encode()[:5]
+    assert line.query(Request.STATUS, 5) == port.device.status.encode()[:5]
 
 
 def test_stall_is_an_error_of_its_own(line: SerialTransport, port: BenchPort) -> None:
     port.device.stalls = {Request.ENABLE, Request.PULSES}
     with pytest.raises(DeviceStalledError, match=r"ordering ENABLE: the device answers STALL.*phasewire info"):
-        line.order(Request.ENABLE)
+        line.command(Request.ENABLE)
     with pytest.raises(DeviceStalledError, match="asking for PULSES"):
-        line.ask(Request.PULSES, 496)
+        line.query(Request.PULSES, 496)
     assert len(port.device.requests) == 3  # it was not asked again
 
 
@@ -233,9 +233,9 @@ def test_a_lost_request_or_answer_is_repeated_under_another_tag(
     setattr(port, way, lose(1))
     start = port.time.now
     if request_ is Request.STATUS:
-        assert line.ask(request_, Status.BYTES) == port.device.status.encode()
+        assert line.query(request_, Status.BYTES) == port.device.status.encode()
     else:
-        line.order(request_, 100 if request_ is Request.WATCHDOG else 0)
+        line.command(request_, 100 if request_ is Request.WATCHDOG else 0)
     reply = 73 if request_ is Request.STATUS else 9
     sent = [read_request(body[1:])["tag"] for event, body in read_line(b"".join(port.written), TO_DEVICE) if body]
     assert sent == [1, 2, 3]
@@ -256,7 +256,7 @@ def test_a_line_that_another_client_holds_is_in_use() -> None:
 def test_all_attempts_lost_is_a_time_out(line: SerialTransport, port: BenchPort) -> None:
     port.to_device = lose(99)
     with pytest.raises(DeviceTimeoutError, match="ordering DISABLE: phasewire array 0123456789abcdef does not answer"):
-        line.order(Request.DISABLE)
+        line.command(Request.DISABLE)
     assert len(port.written) == 2 + ATTEMPTS
 
 
@@ -264,12 +264,12 @@ def test_a_late_answer_is_not_taken_for_another_s(line: SerialTransport, port: B
     """Clause SER-009: the answer to the request that was given up comes before that to the next."""
     port.device.answers = False
     with pytest.raises(DeviceTimeoutError):
-        line.ask(Request.STATUS, Status.BYTES)
+        line.query(Request.STATUS, Status.BYTES)
     port.device.answers = True
     port.to_device = lose(1)
     for late in (port.device.requests[-1].tag, port.device.requests[-1].tag - 1):
         port.device.say(FrameKind.REPLY, SerialReply(late, Outcome.DONE, bytes(64)).encode())
-    assert line.ask(Request.STATUS, Status.BYTES) == port.device.status.encode()
+    assert line.query(Request.STATUS, Status.BYTES) == port.device.status.encode()
 
 
 @pytest.mark.parametrize(
@@ -286,7 +286,7 @@ def test_what_must_not_be_done_twice_is_asked_for_first(
 ) -> None:
     port.device.status = dataclasses.replace(port.device.status, faults=Fault.CHAIN)
     setattr(port, way, lose(1))
-    line.order(request_)
+    line.command(request_)
     assert port.device.done[1:] == expected
 
 
@@ -294,7 +294,7 @@ def test_what_must_not_be_done_twice_is_asked_for_first(
 def test_a_restart_is_never_repeated(line: SerialTransport, port: BenchPort, request_: Request) -> None:
     port.to_host = lose(1)
     with pytest.raises(DeviceTimeoutError, match=f"ordering {request_.name}"):
-        line.order(request_)
+        line.command(request_)
     assert port.device.done == [Request.INFO, request_]
 
 
@@ -330,7 +330,7 @@ def test_records_are_waited_for(line: SerialTransport, port: BenchPort) -> None:
 
 def test_records_that_come_while_an_answer_is_waited_for_are_kept(line: SerialTransport, port: BenchPort) -> None:
     port.device.say(FrameKind.RECORD, ack(8))
-    line.ask(Request.STATUS, Status.BYTES)
+    line.query(Request.STATUS, Status.BYTES)
     assert line.read_records(0) == ack(8)
     assert line.read_records(0) == b""
 
@@ -367,7 +367,7 @@ def test_an_answer_may_take_as_long_as_the_blocks_before_it(line: SerialTranspor
     line.write_blocks(bytes(3 * 512), 1.0)
     start = port.time.now
     with pytest.raises(DeviceTimeoutError):
-        line.order(Request.RESET)
+        line.command(Request.RESET)
     assert port.time.now - start == pytest.approx(0.1 + (3 * 522 + 17 + 1316) / 11_520, rel=0.01)
 
 
@@ -383,7 +383,7 @@ def test_a_port_that_vanishes_is_a_lost_device(
 ) -> None:
     port.fails = {where: error, "close": error}
     with pytest.raises(DeviceLostError, match=r"asking for STATUS: the port is gone .*gone"):
-        line.ask(Request.STATUS, Status.BYTES)
+        line.query(Request.STATUS, Status.BYTES)
     if where != "write":
         with pytest.raises(DeviceLostError):
             line.read_records(0.1)
@@ -401,7 +401,7 @@ def test_a_port_that_takes_no_bytes_is_a_time_out_and_the_next_frame_is_whole(
         line.write_blocks(bytes(512), 1.0)
     port.fails.clear()
     port.device.receive(encode_frame(BLOCK_FRAME, bytes(512))[:100])  # the part that had gone out
-    line.order(Request.DISABLE)
+    line.command(Request.DISABLE)
     assert port.device.done[-1] is Request.DISABLE
     assert not port.device.blocks
 
@@ -427,7 +427,7 @@ def test_the_same_device_is_opened_again(line: SerialTransport, port: BenchPort,
     line.reopen(10)
     assert port.time.now == pytest.approx(3.05, abs=0.06)
     assert port.is_open
-    assert line.ask(Request.STATUS, Status.BYTES) == port.device.status.encode()
+    assert line.query(Request.STATUS, Status.BYTES) == port.device.status.encode()
 
 
 @pytest.mark.parametrize("other", [False, True])
@@ -491,7 +491,7 @@ def test_on_a_bad_line_no_request_acts_twice_harmfully_and_no_call_hangs(
         return
     for order in orders:
         before, start = Counter(device.done), clock.now
-        action = partial(line.ask, order, Status.BYTES) if order is Request.STATUS else partial(line.order, order)
+        action = partial(line.query, order, Status.BYTES) if order is Request.STATUS else partial(line.command, order)
         try:
             answer = action()
         except DeviceTimeoutError:

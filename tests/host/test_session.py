@@ -232,7 +232,7 @@ def test_the_error_says_why_outputs_are_off(line: BenchLine, fired: bool, messag
     assert refused.value.reason is Reason.DISABLED
     with pytest.raises(DeviceRefusedError, match=message):
         session.check_enabled()
-    session.order(Request.ENABLE)
+    session.command(Request.ENABLE)
     session.check_enabled()
     session.send(change(2))
 
@@ -365,7 +365,7 @@ def test_a_block_that_waits_in_a_full_queue_is_not_sent_again() -> None:
     with pytest.raises(DeviceTimeoutError, match="its queue is full; wait, or stop it"):
         session.send(change(2))
     assert len(line.sent) == 4
-    session.order(Request.WATCHDOG, 60_000)
+    session.command(Request.WATCHDOG, 60_000)
     line.time.sleep(5)
     assert session.send(sample(9))[0].commit_period == 9
     assert [sent.number for sent in line.device.accepted] == [0, 1, 2, 3, 4]
@@ -391,7 +391,7 @@ def test_a_line_keeps_to_its_credit(queue: int, most: int) -> None:
     transfer(session, 50)
     assert line.most_unanswered == most
     line.device.stays = 0.02
-    session.order(Request.ENABLE)
+    session.command(Request.ENABLE)
     assert transfer(session, 30, change).answered.all()
     assert line.device.dropped == 0
 
@@ -400,7 +400,7 @@ def test_a_line_keeps_to_its_credit(queue: int, most: int) -> None:
 def test_a_device_hears_of_a_host_that_waits_for_room(line: BenchLine, watchdog_ms: int) -> None:
     """Clause SAF-003: a block that waits is no sign of life."""
     session = enabled(line)
-    session.order(Request.WATCHDOG, watchdog_ms)
+    session.command(Request.WATCHDOG, watchdog_ms)
     line.device.stays = 0.9
     answers = transfer(session, 20, change)
     assert answers.answered.all()
@@ -509,7 +509,7 @@ def test_a_closed_session_refuses_every_call(line: BenchLine) -> None:
     session = begun(line)
     session.close()
     assert line.closed == 1
-    for use in (session.status, lambda: session.send(NoOp()), lambda: session.order(Request.DISABLE), session.reopen):
+    for use in (session.status, lambda: session.send(NoOp()), lambda: session.command(Request.DISABLE), session.reopen):
         with pytest.raises(DeviceError, match="bench B-1 is closed; open it again"):
             use()
     assert len(line.sent) == 1
@@ -603,7 +603,7 @@ def test_no_block_takes_effect_twice_or_out_of_order_and_every_answer_is_its_blo
     rng = np.random.default_rng(seed)
     line = BenchLine(lossy=lossy, queue=queue, stays=stays)
     session = enabled(line)
-    session.order(Request.WATCHDOG, 60_000)
+    session.command(Request.WATCHDOG, 60_000)
 
     def lose(data: bytes) -> bytes | None:
         return None if rng.random() < loss else data

@@ -638,11 +638,11 @@ class OnceSlowLine(BusLine):
 
     answers = 0
 
-    def ask(self, request: Request, size: int) -> bytes:
+    def query(self, request: Request, size: int) -> bytes:
         self.answers += 1
         if self.answers == 8:
             self.time.sleep(0.1)
-        return super().ask(request, size)
+        return super().query(request, size)
 
 
 @pytest.mark.parametrize("rate", [10_000, 40_000])

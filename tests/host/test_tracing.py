@@ -72,12 +72,12 @@ class Line:
         self._call("take back")
         return 3 * 512
 
-    def ask(self, request: Request, size: int) -> bytes:
-        self._call("ask", request, size)
+    def query(self, request: Request, size: int) -> bytes:
+        self._call("query", request, size)
         return self.answer
 
-    def order(self, request: Request, value: int = 0) -> None:
-        self._call("order", request, value)
+    def command(self, request: Request, value: int = 0) -> None:
+        self._call("command", request, value)
 
     def reopen(self, seconds: float) -> None:
         self._call("reopen", seconds)
@@ -111,16 +111,16 @@ def test_what_is_asked_and_answered_is_passed_on(line: Line) -> None:
     assert through.window(None, 64) == 7
     assert through.write_blocks(block(1) + block(2), 0.5) == 512
     assert through.read_records(0.25) == ack(3)
-    assert through.ask(Request.INFO, 64) == b"1234"
-    through.order(Request.WATCHDOG, 100)
+    assert through.query(Request.INFO, 64) == b"1234"
+    through.command(Request.WATCHDOG, 100)
     through.reopen(3)
     through.close()
     assert line.calls == [
         ("window", None, 64),
         ("write", 1024, 0.5),
         ("read", 0.25),
-        ("ask", Request.INFO, 64),
-        ("order", Request.WATCHDOG, 100),
+        ("query", Request.INFO, 64),
+        ("command", Request.WATCHDOG, 100),
         ("reopen", 3),
         ("close",),
     ]
@@ -190,9 +190,9 @@ def test_an_empty_read_logs_no_line(line: Line, caplog: pytest.LogCaptureFixture
 
 def test_requests_are_logged_with_their_values_and_answers(line: Line, caplog: pytest.LogCaptureFixture) -> None:
     through = traffic(caplog, logging.INFO, line)
-    through.order(Request.WATCHDOG, 250)
+    through.command(Request.WATCHDOG, 250)
     line.answer = b"short"
-    through.ask(Request.STATUS, Status.BYTES)
+    through.query(Request.STATUS, Status.BYTES)
     ordered, answered = caplog.messages[1:]
     assert ordered.endswith("s  out request         WATCHDOG 250")
     assert "s  in  request         STATUS: 5 bytes: 73 68 6f 72 74 ✗ REQ-003" in answered
@@ -205,8 +205,8 @@ def test_a_failing_call_is_logged_and_still_fails(line: Line, caplog: pytest.Log
         lambda: through.write_blocks(block(1), 1),
         lambda: through.read_records(1),
         lambda: through.take_back(),
-        lambda: through.ask(Request.INFO, 64),
-        lambda: through.order(Request.ENABLE),
+        lambda: through.query(Request.INFO, 64),
+        lambda: through.command(Request.ENABLE),
         lambda: through.reopen(1),
     ):
         with pytest.raises(DeviceLostError, match="the device is gone"):

@@ -142,7 +142,7 @@ def line(request: pytest.FixtureRequest) -> Iterator[UsbTransport]:
     """To a device whose outputs are enabled."""
     with Emulator(serial="LINE", speed=request.param) as emulator:
         line = open_usb(emulator.url)
-        line.order(Request.ENABLE)
+        line.command(Request.ENABLE)
         yield line
         line.close()
 
@@ -180,7 +180,7 @@ def test_a_block_that_has_begun_is_finished(milliseconds: int) -> None:
     """Clause USB-017: at full speed the time may be over within a block of eight packets."""
     with Emulator(serial="SLOW", speed=FULL_SPEED) as emulator:
         line = open_usb(emulator.url)
-        line.order(Request.ENABLE)
+        line.command(Request.ENABLE)
         blocks, sent = silent(range(30)), 0
         while sent < len(blocks):
             taken = line.write_blocks(blocks[sent:], milliseconds / 1000)
@@ -196,7 +196,7 @@ def test_a_block_that_cannot_be_finished_is_forgotten(monkeypatch: pytest.Monkey
     """So that the blocks after it keep their place."""
     with Emulator(serial="SLOW", speed=FULL_SPEED) as emulator:
         line = open_usb(emulator.url)
-        line.order(Request.ENABLE)
+        line.command(Request.ENABLE)
         genuine = UsbDevice.bulk_out
         packets = [0]
 
@@ -233,7 +233,7 @@ def test_what_an_earlier_session_left_is_forgotten(line: UsbTransport) -> None:
     emulator.usb.control(Setup(0x02, 3, 0, 0x81, 0))
     line.close()
     again = open_usb(emulator.url)
-    assert Status.decode(again.ask(Request.STATUS, 64)).enabled
+    assert Status.decode(again.query(Request.STATUS, 64)).enabled
     assert again.write_blocks(silent(range(140, 143)), 1.0) == 3 * 512
     assert [ack.sequence for ack in acks(again)] == [140, 141, 142]
     again.close()
@@ -257,7 +257,7 @@ def test_a_device_that_was_pulled_and_comes_back(line: UsbTransport) -> None:
     uses: list[Callable[[], object]] = [
         lambda: line.write_blocks(bytes(512), 0.1),
         lambda: line.read_records(0.1),
-        lambda: line.ask(Request.STATUS, 64),
+        lambda: line.query(Request.STATUS, 64),
     ]
     for use in uses:
         with pytest.raises(DeviceLostError, match="the device is gone"):
@@ -266,7 +266,7 @@ def test_a_device_that_was_pulled_and_comes_back(line: UsbTransport) -> None:
     begun = line.time.monotonic()
     line.reopen(5.0)
     assert line.time.monotonic() - begun == pytest.approx(1, abs=0.2)
-    assert Status.decode(line.ask(Request.STATUS, 64)).state is State.OFF
+    assert Status.decode(line.query(Request.STATUS, 64)).state is State.OFF
     assert line.write_blocks(pack(Block(NoOp(), 7)), 0.1) == 512
     assert [ack.sequence for ack in acks(line)] == [7]
 
