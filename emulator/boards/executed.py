@@ -17,13 +17,13 @@ from ...firmware.xs1.names import PORT_IDS
 from ...firmware.xs1.state import CHANNEL_ENDS
 from ...firmware.xs1.switch import CONTROL, SWITCH_CONFIGURATION, XLINK, LinkField, Switch, serve
 from ...protocol.board import CYCLES_PER_MS, CYCLES_PER_TICK
-from ...protocol.codes import CONTROLLER_NODE, END_TOKEN, UNNUMBERED_NODE
+from ...protocol.codes import CONTROLLER_NODE, END_TOKEN, SUPPLY_RANGE_MV, UNNUMBERED_NODE
 from ...protocol.timing import Link
 from ..ports.capture import Track
 from ..ports.clock import BoardClock, Timebase
 from ..ports.recording import PortRecording
 from ..scheduler import Scheduler
-from .package import SUPPLY_RANGE_MV, Package
+from .package import Package
 
 __all__ = ["DOWN_LINK", "UP_LINK", "ExecutedProcessor", "with_end"]
 

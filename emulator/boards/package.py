@@ -9,11 +9,10 @@ from ..ports.capture import Forced, Track
 from ..ports.clock import BoardClock, Timebase
 from ..scheduler import Scheduler
 
-__all__ = ["AMBIENT_C", "SUPPLY_MV", "SUPPLY_RANGE_MV", "Package"]
+__all__ = ["AMBIENT_C", "SUPPLY_MV", "Package"]
 
 AMBIENT_C = 25
 SUPPLY_MV = 15_000
-SUPPLY_RANGE_MV = range(12_000, 18_001)
 ALL_BITS = 2**CHANNELS_PER_PROCESSOR - 1
 
 

@@ -37,8 +37,10 @@ from ...protocol.chain import (
 from ...protocol.codes import (
     DEAF_MS,
     SILENCING_FAULTS,
+    SUPPLY_RANGE_MV,
     SYNC_PERIODS,
     SYNC_TOLERANCE_TICKS,
+    TEMPERATURE_LIMIT_C,
     UNNUMBERED_NODE,
     ChannelEnd,
     Fault,
@@ -50,11 +52,10 @@ from ..ports.clock import COUNTER_TICKS, BoardClock, Timebase
 from ..ports.history import History
 from ..scheduler import Scheduler
 from ..trace import Tracer
-from .package import SUPPLY_RANGE_MV, Package
+from .package import Package
 
-__all__ = ["TEMPERATURE_LIMIT_C", "Processor"]
+__all__ = ["Processor"]
 
-TEMPERATURE_LIMIT_C = 85
 COUNTER_BITS = 16
 SYNC_STEP = SYNC_PERIODS * TICKS_PER_PERIOD % COUNTER_TICKS
 """By how much the port's counter advances from one pulse of the sync line to the next (clause CHN-027)."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ...protocol.chain import Identity
-from ...protocol.codes import SILENCING_FAULTS, Bank, Fault
+from ...protocol.codes import CLEARED_BELOW_C, SILENCING_FAULTS, Bank, Fault
 from ...protocol.replies import ENABLED
 from ...protocol.states import StateEvent
 from .device_state import DeviceState
@@ -18,8 +18,6 @@ from .state_machine import StateMachine
 from .supervisor import BROKEN, Supervisor
 
 __all__ = ["KnownFaults"]
-
-CLEARED_BELOW_C = 80
 
 
 class KnownFaults:

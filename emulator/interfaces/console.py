@@ -161,7 +161,7 @@ class Console:
             self._controller.test_transducer(transducer, self._door)
         except BlockError as error:
             reason = Reason(error.reason)
-            raise _refused(f"{reason.name}: {reason.text}") from error
+            raise _refused(f"{reason.name}: {error}") from error
 
     def _ask(self, command: Command) -> Fields:
         try:

@@ -16,7 +16,8 @@ from phasewire.emulator.faults import FAULTS, InjectedFault
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.protocol import Block, Entries, Entry, PlaySequence, Reason, Slot, State, Update, pack
 from phasewire.protocol.blocks import AmplitudeModulation, NoOp, Samples
-from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, Request
+from phasewire.protocol.board import WATCHDOG_MS
+from phasewire.protocol.codes import COLLECT_MS, DEAF_MS, Bank, DfuState, DfuStatus, Fault, Request
 from phasewire.protocol.dfu import DfuReply
 from phasewire.protocol.replies import ReadBack
 from phasewire.protocol.requests import Setup
@@ -25,10 +26,6 @@ from tests.emulator.fault_bench import HALF, MS, PLAYS, Bench, playing
 from tests.emulator.hosts import FULL, PERIODS_PER_MS
 
 CHAIN_BROKEN = Fault.CHAIN | Fault.PROCESSOR
-WATCHDOG_MS = 100
-DEAF_MS = 50
-ROUND_MS = 10
-"""In which every processor is asked once."""
 
 ONE_OF_EACH: dict[str, InjectedFault] = {
     "lost token": faults.LostToken(message="slice", processor=3),
@@ -98,7 +95,7 @@ SILENCE_CANNOT_ARRIVE = {"lost commits", "slow link", "first link slow", "slow p
 
 
 def silent_within_ms(name: str) -> int:
-    return WATCHDOG_MS + DEAF_MS + (ROUND_MS if name in SILENCE_CANNOT_ARRIVE else 0)
+    return WATCHDOG_MS + DEAF_MS + (COLLECT_MS if name in SILENCE_CANNOT_ARRIVE else 0)
 
 
 def outputs_that_stick(fault: InjectedFault) -> np.ndarray:
@@ -170,12 +167,12 @@ def test_a_processor_that_was_given_up_is_asked_again_once_it_plays() -> None:
     bench = playing()
     bench.emulator.inject(faults.LostToken(message="slice", processor=8))
     bench.order(Request.DISABLE)
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     bench.order(Request.CLEAR_FAULTS)
     bench.order(Request.ENABLE)
     bench.play("update")
     for _ in range(10):
-        bench.run_ms(ROUND_MS)
+        bench.run_ms(COLLECT_MS)
         assert bench.status().faults == Fault(0)
     assert bench.loud_now() == [25] * 10
 
@@ -191,7 +188,7 @@ def test_a_stop_that_is_lost_is_sent_again_too() -> None:
         faults.LostToken(message="slice", processor=2), faults.LostToken(message="program", processor=2)
     )
     bench.order(Request.DISABLE)
-    bench.run_ms(2 * ROUND_MS)
+    bench.run_ms(2 * COLLECT_MS)
     bench.order(Request.ENABLE)
     bench.play("update")
     assert bench.loud_now() == [25] * 10
@@ -205,7 +202,7 @@ def test_commits_over_a_slow_link_come_too_late() -> None:
     bench = playing()
     bench.emulator.inject(faults.SlowLink(link=9, cycles_per_symbol=200))
     ack = bench.send(Update(HALF))
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     assert bench.loud_now() == [9] * 3 + [25] * 7
     assert (bench.status().faults, bench.status().missed_commits) == (Fault.CHAIN, 7)
     read = ReadBack.decode(bench.emulator.usb.control(Setup(0xC1, Request.PULSES, 0, 0, 496)))
@@ -243,7 +240,7 @@ def test_a_dead_part_is_low_at_once_and_found_within_30_ms(fault: InjectedFault,
     bench.emulator.run(2)
     words = bench.emulator.capture().bits(at - 5, at + 20)
     assert [words[:5, place].all() and not words[5:, place].any() for place in sorted(dead)] == [True] * len(dead)
-    bench.run_ms(3 * ROUND_MS)
+    bench.run_ms(3 * COLLECT_MS)
     assert bench.status().state is State.FAULT
     assert Fault.PROCESSOR in bench.status().faults
     bench.run_ms(DEAF_MS)
@@ -306,7 +303,7 @@ def test_a_clock_error_is_found_by_its_second_tick(ppm: float, pulses: int) -> N
     assert bench.emulator.running.faults == Fault(0)
     bench.emulator.run_until(4096 * pulses + 3)
     assert bench.loud_now() == [25, 25, 0, 0, 25, 25, 25, 25, 25, 25]
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     assert bench.loud_now() == [0] * 10
     assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.SYNC)
     assert [place for place, report in enumerate(bench.reports()) if report.faults] == [2, 3]
@@ -331,11 +328,11 @@ def test_a_late_fault_without_a_clock_error_raises_no_sync(period: int) -> None:
     bench.emulator.run_until(period)
     bench.emulator.inject(faults.HotBoard(board=1, celsius=40))
     bench.emulator.run_until(period + 2 * 4096)
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     assert bench.emulator.running.faults == Fault(0)
     bench.emulator.inject(faults.ClockError(board=1, ppm=100))
     bench.emulator.run_until(period + 4 * 4096)
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     assert bench.emulator.running.faults == Fault.SYNC
 
 
@@ -356,7 +353,7 @@ def test_a_slow_processor_steps_late_through_a_sequence() -> None:
     bench.emulator.run_until(50)
     assert bench.loud(began, began + 1) == [25] * 4 + [0] + [25] * 5
     assert bench.loud(began + 1, began + 2) == [25] * 10
-    bench.run_ms(ROUND_MS)
+    bench.run_ms(COLLECT_MS)
     assert bench.status().faults == Fault.OVERRUN
 
 
@@ -425,7 +422,7 @@ def test_a_suspended_bus_turns_the_outputs_off_until_enable() -> None:
 
 
 def test_the_watchdog_fires_when_the_host_falls_silent() -> None:
-    """100 ms after the last sign of life that arrived, whatever else the host sends (clause SAF-003)."""
+    """The watchdog's time after the last sign of life that arrived, whatever else the host sends (clause SAF-003)."""
     bench = playing()
     last = bench.emulator.running.now_tick
     bench.emulator.inject(faults.SilentHost(periods=6000))
@@ -577,7 +574,7 @@ def test_a_fault_begins_at_its_period_whatever_a_door_does(ahead: int) -> None:
                 bench.emulator.run(1)
             taken = 512
         sent += taken
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     status = bench.status()
     assert (status.accepted, status.faults, status.missed_commits) == (201, Fault.CHAIN, 3)
     high = bench.emulator.capture().channels(50 * period - 60, 50 * period + 60)[:, 2 * 32]
