@@ -66,7 +66,7 @@ class Admission:
             1000 * device.drive_limit,
         )
         if reason:
-            values = {
+            values: dict[Reason, dict[str, object]] = {
                 Reason.SEQUENCE: {"sequence": sequence, "last": last},
                 Reason.HORIZON: {"period": requested, "arrived": arrived},
                 Reason.RATE: {"period": requested, "named": named, "least": self._dispatch.periods_per_update},

@@ -10,7 +10,7 @@ from ...base.compiling import kernel
 from ...protocol.board import CYCLES_PER_PERIOD
 from ...protocol.numbering import follows, missing
 from .admission import judge_numbers
-from .planning import plan
+from .planning import Progress, Rules, plan
 
 __all__ = ["plan_updates", "sort_pulses"]
 
@@ -30,7 +30,6 @@ def _total_drive(width: Any, power: Any) -> int:
 
 @kernel
 def plan_updates(
-    packets: Any,
     reasons: Any,
     restarts: Any,
     sequences: Any,
@@ -38,20 +37,14 @@ def plan_updates(
     widths: Any,
     power: Any,
     recent: Any,
-    numbers: Any,
-    times: Any,
-    arrivals: Any,
-    starts: Any,
-    periods: Any,
-    gaps: Any,
-    free: Any,
-) -> int:
+    rules: Rules,
+    progress: Progress,
+    planned: Any,
+) -> tuple[int, Progress]:
     """Judge and plan updates that arrive back to back, up to the first that is not quite regular.
 
     Parameters
     ----------
-    packets : int
-        How many there are.
     reasons, restarts, sequences, requested : (k,) int
         As `protocol.unpack_updates` reads them; `requested` are the periods that they name.
     widths : (k, 320) uint8
@@ -60,13 +53,11 @@ def plan_updates(
         Power of a pulse of each width, in thousandths (clause SAF-006).
     recent : (q,) int64
         When the last q changes left or leave the queue of q places, oldest first; written.
-    numbers : (5,) int64
-        The last sequence number, the last named period (-1 for none), the drive limit in thousandths, periods per
-        update, and the horizon in periods; the first two are written.
-    times : (11,) int64
-        Origin, now, cycles of a packet, cycles to sort, end of the time there is, then the tail (sent, period, table)
-        and the cost (occupies, forward, lead) of an update; now and the tail are written.
-    arrivals, starts, periods, gaps, free : (k,) int64
+    rules : Rules
+        By which they are judged and planned.
+    progress : Progress
+        Up to the update before them.
+    planned : (5, k) int64
         Written: when each has arrived, when it goes onto the chain, the period that it gets, how many numbers were left
         out before it, and the free places of the queue when it was judged, itself included.
 
@@ -74,36 +65,39 @@ def plan_updates(
     -------
     int
         How many of them were taken.
+    Progress
+        Up to the last of these.
     """
-    origin, now, packet, sort, end = times[0], times[1], times[2], times[3], times[4]
-    sent, period, table = times[5], times[6], times[7]
+    origin, cost = rules.origin, rules.cost
+    now, number, named, sent, period, table = progress
+    arrivals, starts, periods, gaps, free = planned
     places = recent.size
     index = 0
-    while index < packets:
+    while index < reasons.size:
         sequence, asked = sequences[index], requested[index]
-        arrival = max(now + packet, recent[0])
-        at = (arrival - origin) // CYCLES_PER_PERIOD
-        if reasons[index] != 0 or restarts[index] or arrival > end:
+        arrival = max(now + rules.packet, recent[0])
+        if reasons[index] != 0 or restarts[index] or arrival > rules.end:
             break
         drive = _total_drive(widths[index], power)
-        in_order, furthest = compiled_follows(sequence, numbers[0]), at + numbers[4]
-        if compiled_judge_numbers(in_order, asked, furthest, numbers[1], numbers[3], drive, numbers[2]) != 0:
+        furthest = (arrival - origin) // CYCLES_PER_PERIOD + rules.horizon
+        in_order = compiled_follows(sequence, number)
+        if compiled_judge_numbers(in_order, asked, furthest, named, rules.periods_per_update, drive, rules.limit) != 0:
             break
-        start, period = compiled_plan(origin, arrival + sort, sent, table, period, asked, times[9], times[10])
-        table, sent = period, start + times[8]
+        ready = arrival + rules.sort
+        start, period = compiled_plan(origin, ready, sent, table, period, asked, cost.forward, cost.lead)
+        table, sent = period, start + cost.occupies
         queued = 1
         for place in range(places - 1):
             recent[place] = recent[place + 1]
             queued += recent[place] > arrival
         recent[places - 1] = start
         arrivals[index], starts[index], periods[index], free[index] = arrival, start, period, places - queued
-        gaps[index], numbers[0] = compiled_missing(sequence, numbers[0]), sequence
+        gaps[index], number = compiled_missing(sequence, number), sequence
         if asked:
-            numbers[1] = asked
+            named = asked
         now = arrival
-        times[1], times[5], times[6], times[7] = now, sent, period, table
         index += 1
-    return index
+    return index, Progress(now, number, named, sent, period, table)
 
 
 @kernel

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ...protocol.board import CYCLES_PER_PERIOD
 
-__all__ = ["Cost", "is_late", "plan"]
+__all__ = ["Cost", "Progress", "Rules", "is_late", "plan"]
 
 
 class Cost(NamedTuple):
@@ -22,6 +22,33 @@ class Cost(NamedTuple):
     """From its first token to the last processor that is ready with it."""
     lead: int
     """From its first token to its first commit, which must not come while an earlier commit waits for its period."""
+
+
+class Rules(NamedTuple):
+    """By what updates are judged and planned: times in core cycles, the limit in thousandths (clause SAF-006)."""
+
+    origin: int
+    packet: int
+    sort: int
+    end: int
+    """Of the time that there is."""
+    limit: int
+    periods_per_update: int
+    horizon: int
+    """In periods."""
+    cost: Cost
+
+
+class Progress(NamedTuple):
+    """How far updates are judged and planned: the time, the last number, the last named period, the end of the plan."""
+
+    now: int
+    number: int
+    named: int
+    """-1 for none."""
+    sent: int
+    period: int
+    table: int
 
 
 def plan(
