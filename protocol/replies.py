@@ -125,7 +125,8 @@ def _possible_octets() -> NDArray[np.bool_]:
     """Which values each octet of an acknowledgement may have by itself, (32 · 256,) (clause ACK-002)."""
     possible = np.ones((RECORD_BYTES, 256), np.bool_)
     octets: dict[int, Iterable[int]] = {at: [octet] for at, octet in enumerate(ACK_MAGIC)}
-    octets |= {(ACKS.fields or {})[name][1]: values for name, values in _ACK_VALUES.items()}
+    assert ACKS.fields is not None  # of a plain type
+    octets |= {ACKS.fields[name][1]: values for name, values in _ACK_VALUES.items()}
     for at, values in octets.items():
         possible[at] = np.isin(np.arange(256), list(values))
     return possible.reshape(-1)

@@ -121,6 +121,7 @@ class Batches:
             horizon=HORIZON_PERIODS,
             cost=cost,
         )
+        assert device.last_sequence is not None  # else they are not regular
         named = -1 if device.last_named is None else device.last_named
         before = Progress(began, device.last_sequence, named, tail.sent, tail.period, tail.table)
         planned = np.empty((5, len(packets)), np.int64)
