@@ -266,17 +266,7 @@ class _Buffers:
 
 
 class _Wires:
-    """The links in one direction.
-
-    Parameters
-    ----------
-    ways : list of _Way
-        For each processor, how its messages go.
-    cycles : list of int
-        Per token, of each link.
-    hop_cycles, credit_cycles : int
-        As of `Links`.
-    """
+    """The links in one direction."""
 
     def __init__(self, ways: list[_Way], cycles: list[int], hop_cycles: int, credit_cycles: int) -> None:
         self.opened: int | None = None

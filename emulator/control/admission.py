@@ -22,15 +22,7 @@ STORED = (Slot, Entries, Samples)
 
 
 class Admission:
-    """Judges blocks.
-
-    Parameters
-    ----------
-    device : DeviceState
-        By which they are judged.
-    dispatch : Dispatch
-        Says what is stored and in use, and what the chain can do.
-    """
+    """Judges blocks."""
 
     def __init__(self, device: DeviceState, dispatch: Dispatch) -> None:
         self._device = device

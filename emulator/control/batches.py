@@ -32,21 +32,7 @@ __all__ = ["Batches"]
 
 
 class Batches:
-    """Takes updates together.
-
-    Parameters
-    ----------
-    device : DeviceState
-        By which they are judged; counts them.
-    dispatch : Dispatch
-        Takes their plan.
-    machine : StateMachine
-        Whose watchdog they feed.
-    execution : Execution
-        Knows what they mean when they take effect.
-    wiring : Wiring
-        The table by which pulses are sorted.
-    """
+    """Takes updates together."""
 
     def __init__(
         self, device: DeviceState, dispatch: Dispatch, machine: StateMachine, execution: Execution, wiring: Wiring

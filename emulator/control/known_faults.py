@@ -21,22 +21,7 @@ __all__ = ["KnownFaults"]
 
 
 class KnownFaults:
-    """Raises faults and clears them.
-
-    Parameters
-    ----------
-    device : DeviceState
-        Whose faults it changes.
-    dispatch : Dispatch
-    machine : StateMachine
-        Is told that a fault silences the device.
-    identities : sequence of Identity
-        What the processors answered when they were numbered.
-    bank : Bank
-        Where the firmware came from.
-    log : callable
-        Takes a line about each thing that happens.
-    """
+    """Raises faults and clears them."""
 
     def __init__(
         self,

@@ -98,15 +98,7 @@ class Port:
 
 
 class Attachment:
-    """A device from its arrival on the bus until it leaves; pyusb calls this a device.
-
-    Parameters
-    ----------
-    emulator : Emulator
-        The device.
-    address : int
-        Its place on the bus.
-    """
+    """A device from its arrival on the bus until it leaves; pyusb calls this a device."""
 
     def __init__(self, emulator: Emulator, address: int) -> None:
         self.usb = emulator.usb

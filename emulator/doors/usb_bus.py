@@ -160,13 +160,6 @@ class Transfer:
 class UsbBus:
     """The bus between one host and one device, from one attachment of the device to the next.
 
-    Parameters
-    ----------
-    device : Peripheral
-        The device.
-    scheduler : Scheduler
-        Its time.
-
     Attributes
     ----------
     last_word : int or None

@@ -392,15 +392,7 @@ class KernelDevice:
 
 
 class UsbFile:
-    """A device's node as opened by one program.
-
-    Parameters
-    ----------
-    device : KernelDevice
-        The device.
-    on_change : callable
-        Called whenever `writable` may have changed.
-    """
+    """A device's node as opened by one program."""
 
     def __init__(self, device: KernelDevice, on_change: Callable[[], None]) -> None:
         self._device = device

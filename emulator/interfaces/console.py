@@ -75,17 +75,7 @@ class Shown(NamedTuple):
 
 
 class Console:
-    """The console of one serial line.
-
-    Parameters
-    ----------
-    controller : ConsoleController
-        What carries out the commands.
-    door : Door
-        What the commands come by.
-    detach : callable
-        Takes the device to DFU mode, as the request DETACH does.
-    """
+    """The console of one serial line."""
 
     def __init__(self, controller: ConsoleController, door: Door, detach: Callable[[], None]) -> None:
         self._controller = controller
