@@ -273,7 +273,7 @@ class Status:
     Parameters
     ----------
     state : State
-        Its state.
+        The state of the device.
     faults : Fault
         What is wrong with it.
     last_refusal : Reason
@@ -291,9 +291,9 @@ class Status:
     free : int
         Changes that the device can still queue.
     temperature_c : int
-        Of the hottest board, in °C.
+        Temperature of the hottest board, °C.
     watchdog_ms : int
-        After how long a silence of the host the outputs go off, in ms.
+        The time without a sign of life after which the outputs go off, ms.
     drive_limit : int
         Most power that a block may ask for, in fully driven transducers.
     dropped_frames : int
@@ -553,7 +553,7 @@ class ProcessorReport:
     ----------
     faults : Fault
     temperature_c : int
-        Of its board, in °C.
+        Temperature of its board, °C.
     bank : Bank or None
         Where its firmware came from; None if no processor is there.
     missed_commits, damaged_messages : int

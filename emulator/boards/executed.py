@@ -49,7 +49,7 @@ class ExecutedProcessor(Package):
     scheduler : Scheduler
         The clock of the machine.
     place : int
-        In the chain, 0 to 9.
+        Its place in the chain, 0 to 9.
     clock : BoardClock
         The ticks of its board; it starts with the sync line.
     program : bytes
@@ -59,9 +59,9 @@ class ExecutedProcessor(Package):
     link : Link
         Set-up of its links.
     late_ticks : int
-        By how much the sync line reaches it late.
+        The delay with which the sync line reaches it.
     log : callable
-        Takes a line about each thing that happens.
+        What takes a line about each thing that happens.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class ExecutedProcessor(Package):
         Parameters
         ----------
         tokens : bytes
-            With their route header.
+            The tokens, with their route header.
         arrives : int
             Core cycle.
         ends : bool

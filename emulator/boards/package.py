@@ -24,7 +24,7 @@ class Package(ABC):
     scheduler : Scheduler
         The clock of the machine.
     place : int
-        In the chain, 0 to 9. The processor is not told.
+        Its place in the chain, 0 to 9. The processor is not told.
     clock : BoardClock
         The ticks of its board.
     """

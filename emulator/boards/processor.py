@@ -82,7 +82,7 @@ class Processor(Package):
     scheduler : Scheduler
         The clock of the machine.
     place : int
-        In the chain, 0 to 9. It is not told: `number` is what it was given.
+        Its place in the chain, 0 to 9. It is not told: `number` is what it was given.
     clock : BoardClock
         The ticks of its board.
     firmware : (int, int, int)
@@ -90,9 +90,9 @@ class Processor(Package):
     unique_id : int
         64 bits, of its package.
     log : callable
-        Takes a line about each thing that happens.
+        What takes a line about each thing that happens.
     tracer : Tracer
-        Is told what it does.
+        What is told of its work.
     """
 
     def __init__(

@@ -46,19 +46,19 @@ def plan_updates(
     Parameters
     ----------
     reasons, restarts, sequences, requested : (k,) int
-        As `protocol.unpack_updates` reads them; `requested` are the periods that they name.
+        The fields of `protocol.unpack_updates`; `requested` are the periods that they name.
     widths : (k, 320) uint8
-        Of their pulses.
+        Widths of their pulses.
     power : (26,) int
         Power of a pulse of each width, in thousandths (clause SAF-006).
     recent : (q,) int64
         When the last q changes left or leave the queue of q places, oldest first; written.
     rules : Rules
-        By which they are judged and planned.
+        What they are judged and planned by.
     progress : Progress
         Up to the update before them.
     planned : (5, k) int64
-        Written: when each has arrived, when it goes onto the chain, the period that it gets, how many numbers were left
+        Output: when each has arrived, when it goes onto the chain, the period that it gets, how many numbers were left
         out before it, and the free places of the queue when it was judged, itself included.
 
     Returns
@@ -111,7 +111,7 @@ def sort_pulses(payloads: Any, transducers: Any, sorted_payloads: Any) -> None:
     transducers : (320,) int64
         Transducer of each channel.
     sorted_payloads : (k, 480) uint8
-        Written.
+        The result, written here.
     """
     for row in range(payloads.shape[0]):
         for pair in range(transducers.size // 2):

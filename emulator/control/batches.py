@@ -55,7 +55,7 @@ class Batches:
         deadline : int
             Core cycle by which the last must have arrived.
         door : Door
-            Takes the acknowledgements.
+            What takes the acknowledgements.
 
         Returns
         -------

@@ -67,7 +67,7 @@ def plan(
     waits : int
         Period until which something waits in the processors that this may not meet.
     period : int
-        At which the change before it takes effect.
+        The period at which the change before it takes effect.
     requested : int
         The period that it names; 0 for as soon as possible.
     forward, lead : int
@@ -78,7 +78,7 @@ def plan(
     start : int
         When its first token leaves; not sooner than needed (clause CHN-029).
     period : int
-        At which it takes effect (clauses BLK-005 and BLK-007).
+        The period at which it takes effect (clauses BLK-005 and BLK-007).
     """
     start = max(ready, sent, origin + waits * CYCLES_PER_PERIOD - lead)
     reached = -((origin - start - forward) // CYCLES_PER_PERIOD)

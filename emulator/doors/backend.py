@@ -70,7 +70,7 @@ class Port:
     generation : int
         The last enumerated attachment of the device, 0 before the first.
     claims : dict of int to int
-        For each claimed interface, the number of the handle.
+        The number of the handle for each claimed interface.
     """
 
     _of: ClassVar[WeakKeyDictionary[UsbDevice, Port]] = WeakKeyDictionary()

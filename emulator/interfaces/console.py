@@ -61,7 +61,7 @@ class Shown(NamedTuple):
     Parameters
     ----------
     text : bytes
-        For the terminal.
+        The text for the terminal.
     then : callable or None
         What remains to be carried out once the text is sent (clause CON-004); nothing typed after it was read. The
         device may refuse by `Stall` if its state has changed since.

@@ -77,7 +77,7 @@ class Amplifier:
         Returns
         -------
         (t, ...) float
-            In volts.
+            The voltage, V.
         """
         now = np.asarray(levels, dtype=np.intp)
         earlier = np.concatenate([np.broadcast_to(np.asarray(before, dtype=np.intp), now[:1].shape), now[:-1]])
