@@ -10,7 +10,7 @@ from ...base.compiling import kernel
 from ...protocol.board import CYCLES_PER_PERIOD
 from ...protocol.numbering import follows, missing
 from .admission import judge_numbers
-from .planning import Progress, Rules, plan
+from .planning import Rules, plan
 
 __all__ = ["plan_updates", "sort_pulses"]
 
@@ -37,10 +37,10 @@ def plan_updates(
     widths: Any,
     power: Any,
     recent: Any,
-    rules: Rules,
-    progress: Progress,
+    rules: tuple[int, ...],
+    progress: tuple[int, ...],
     planned: Any,
-) -> tuple[int, Progress]:
+) -> tuple[int, tuple[int, ...]]:
     """Judge and plan updates that arrive back to back, up to the first that is not quite regular.
 
     Parameters
@@ -53,10 +53,10 @@ def plan_updates(
         Power of a pulse of each width, in thousandths (clause SAF-006).
     recent : (q,) int64
         When the last q changes left or leave the queue of q places, oldest first; written.
-    rules : Rules
-        What they are judged and planned by.
-    progress : Progress
-        Up to the update before them.
+    rules : tuple
+        The fields of `Rules`. A named tuple would cost numba 30 µs at each call.
+    progress : tuple
+        The fields of `Progress`, up to the update before them.
     planned : (5, k) int64
         Output: when each has arrived, when it goes onto the chain, the period that it gets, how many numbers were left
         out before it, and the free places of the queue when it was judged, itself included.
@@ -65,27 +65,27 @@ def plan_updates(
     -------
     int
         How many of them were taken.
-    Progress
-        Up to the last of these.
+    tuple
+        The fields of `Progress`, up to the last of these.
     """
-    origin, cost = rules.origin, rules.cost
+    by = Rules(*rules)
     now, number, named, sent, period, table = progress
     arrivals, starts, periods, gaps, free = planned
     places = recent.size
     index = 0
     while index < reasons.size:
         sequence, asked = sequences[index], requested[index]
-        arrival = max(now + rules.packet, recent[0])
-        if reasons[index] != 0 or restarts[index] or arrival > rules.end:
+        arrival = max(now + by.packet, recent[0])
+        if reasons[index] != 0 or restarts[index] or arrival > by.end:
             break
         drive = _total_drive(widths[index], power)
-        furthest = (arrival - origin) // CYCLES_PER_PERIOD + rules.horizon
+        furthest = (arrival - by.origin) // CYCLES_PER_PERIOD + by.horizon
         in_order = compiled_follows(sequence, number)
-        if compiled_judge_numbers(in_order, asked, furthest, named, rules.periods_per_update, drive, rules.limit) != 0:
+        if compiled_judge_numbers(in_order, asked, furthest, named, by.periods_per_update, drive, by.limit) != 0:
             break
-        ready = arrival + rules.sort
-        start, period = compiled_plan(origin, ready, sent, table, period, asked, cost.forward, cost.lead)
-        table, sent = period, start + cost.occupies
+        ready = arrival + by.sort
+        start, period = compiled_plan(by.origin, ready, sent, table, period, asked, by.forward, by.lead)
+        table, sent = period, start + by.occupies
         queued = 1
         for place in range(places - 1):
             recent[place] = recent[place + 1]
@@ -97,7 +97,7 @@ def plan_updates(
             named = asked
         now = arrival
         index += 1
-    return index, Progress(now, number, named, sent, period, table)
+    return index, (now, number, named, sent, period, table)
 
 
 @kernel

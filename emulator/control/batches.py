@@ -105,14 +105,14 @@ class Batches:
             limit=1000 * device.drive_limit,
             periods_per_update=dispatch.periods_per_update,
             horizon=HORIZON_PERIODS,
-            cost=cost,
+            **cost._asdict(),
         )
         assert device.last_sequence is not None  # else they are not regular
         named = -1 if device.last_named is None else device.last_named
         before = Progress(began, device.last_sequence, named, tail.sent, tail.period, tail.table)
         planned = np.empty((5, len(packets)), np.int64)
         sequences, requested = updates.sequence.astype(np.int64), np.minimum(updates.period, 2**62).astype(np.int64)
-        taken, progress = plan_updates(
+        taken, after = plan_updates(
             reasons=updates.reason,
             restarts=updates.restart,
             sequences=sequences,
@@ -120,8 +120,8 @@ class Batches:
             widths=updates.width,
             power=POWER,
             recent=dispatch.agenda.recent,
-            rules=rules,
-            progress=before,
+            rules=tuple(rules),
+            progress=tuple(before),
             planned=planned,
         )
         if not taken:
@@ -135,6 +135,7 @@ class Batches:
         dispatch.stores.end(int(periods[0]), sequences=True, modulations=False)
         late = is_late(requested[:taken], periods)
         self._acknowledge(door, sequences[:taken], arrivals, periods, late, gaps, free)
+        progress = Progress(*after)
         device.last_sequence, device.last_named = progress.number, None if progress.named < 0 else progress.named
         device.accepted += taken
         device.late += int(late.sum())

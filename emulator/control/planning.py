@@ -36,7 +36,10 @@ class Rules(NamedTuple):
     periods_per_update: int
     horizon: int
     """In periods."""
-    cost: Cost
+    occupies: int
+    forward: int
+    lead: int
+    """This and the two before it: as of `Cost`."""
 
 
 class Progress(NamedTuple):
