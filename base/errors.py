@@ -10,10 +10,13 @@
     ├── CommandError          a line that is no console command     "limit 400"
     ├── ChainError            bytes that are no valid message       a slice that ends too early
     ├── ImageError            bytes that are no valid firmware      a flipped bit, a signature that is wrong
-    ├── MissingExtraError     an optional package is missing    a signing key without cryptography
+    ├── MissingExtraError     an optional package is missing        a signing key without cryptography
     ├── BenchError            what is around a device under test    a relay's program that ends with an error
-    ├── ClusterError          a cluster cannot run a sweep    other versions than here, its workers are gone
+    ├── ClusterError          a cluster cannot run a sweep          other versions than here, its workers are gone
     │   └── ClusterNotFoundError  nothing answers to its address    a wrong port, no workers
+    ├── TrackerError          a source of hands went wrong          frames that are no hands
+    │   ├── TrackerNotFoundError  nothing answers to this URL       no such scheme, no tracker running
+    │   └── TrackerLostError      it went away                      a recording that ended
     └── DeviceError           anything between a URL and the boards
         ├── DeviceNotFoundError   nothing answers to this URL       no such scheme, nothing plugged in
         │   └── DeviceUrlError        the URL says what cannot be   a baud rate that is no number

@@ -37,7 +37,7 @@ from ..host.streaming.limiting import TurnedDown
 from ..host.streaming.recording import SUFFIX, Recording, record
 from ..host.streaming.streaming import LOOK_AHEAD_SECONDS, StreamReport
 from ..host.transports.opening import DEFAULT_URL, is_fresh
-from ..protocol.board import CARRIER_HZ
+from ..protocol.board import CARRIER_HZ, WATCHDOG_MS
 from ..protocol.plain import plain
 from ..solver import ControlPoints, Cycle, Medium, Outline, Renderer, Solver, TransducerArray
 from ..solver.methods.methods import METHODS
@@ -268,8 +268,8 @@ def show(
 Points are solved live, frame by frame; --spin moves them, and --render modulates them in another way. Standard input
 has a line of JSON for each frame: {{"positions": [[x, y, z], ...], "amplitudes": [...]}}, in m, the amplitudes
 optional. Its lines must come at the rate: each late one is an underrun, and without a line for the watchdog's time,
-0.1 s at power-up, the device turns its outputs off and the command ends with code 4. The time of an emulated device
-passes with the data that are sent to it, as fast as this computer allows.
+{WATCHDOG_MS / 1000:g} s at power-up, the device turns its outputs off and the command ends with code 4. The time of an
+emulated device passes with the data that are sent to it, as fast as this computer allows.
 {RENDER_HELP}""",
 )
 def stream(

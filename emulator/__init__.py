@@ -6,15 +6,6 @@ other programs). `machine` puts them together. It speaks the protocol and meets 
 found by URL; it knows nothing of fields or shapes.
 """
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from .cluster import Cluster
-from .machine import Emulator, Event
-from .ports.capture import Capture
-from .scenario import read_scenario
-
-__all__ = ["Capture", "Cluster", "Emulator", "Event", "read_scenario"]
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

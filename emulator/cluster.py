@@ -33,7 +33,7 @@ class Cluster:
     serial : str
         What their serial numbers begin with; a number follows.
     **options
-        Of each `Emulator`.
+        Options of each `Emulator`.
 
     Raises
     ------

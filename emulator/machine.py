@@ -107,15 +107,15 @@ class Emulator:
     speed : Speed
         Speed of the USB bus, `HIGH_SPEED` or `FULL_SPEED`.
     clock_offset_ticks : mapping of int to int, optional
-        For a board, how many ticks its port clocks run late.
+        How many ticks the port clocks of a board run late, by board.
     serial : str, optional
         Serial number; made up by default, and what a flash says if one is given.
     flash : Flash, optional
-        With another firmware, or from an earlier time; as it leaves the factory by default.
+        A flash with another firmware, or from an earlier time; as it leaves the factory by default.
     unfolded : bool
         Whether every message travels along the chain token by token, even if nothing can go wrong.
     history_periods : int, optional
-        For how many periods at least what the outputs did is kept; for ever by default, 640 bytes for each update.
+        The least number of periods for which outputs are kept; for ever by default, 640 bytes for each update.
     sync : SyncLine, optional
         The line of another device, to listen to; its own by default, which it drives.
     firmware : Image, "model" or "xs1"

@@ -53,7 +53,7 @@ def way_of_an_update(emulator: Emulator) -> list[Span]:
     Returns
     -------
     list of Span
-        With 0 if its first bit was sent.
+        Spans whose time 0 is when its first bit was sent.
     """
     emulator.usb.control(Setup(0x00, StandardRequest.SET_CONFIGURATION, CONFIGURATION_VALUE, 0, 0))
     emulator.usb.control(Setup(REQUEST_TYPE_OUT, Request.ENABLE, 0, 0, 0))
@@ -77,8 +77,8 @@ def draw_timeline(spans: Sequence[Span], title: str = "") -> Figure:
     Parameters
     ----------
     spans : sequence of Span
-        In any order. Groups of lanes stand in the order in which they first become busy, and lanes of a group in that
-        of their numbers.
+        What to draw, in any order. Groups of lanes stand in the order in which they first become busy, and lanes of a
+        group in that of their numbers.
     title : str
         Over the picture.
 

@@ -196,7 +196,7 @@ class PlaySequence:
     Parameters
     ----------
     first, count : int
-        Which steps of the table.
+        The steps of the table that are played.
     period : int
         Carrier period at which the first begins; `NOW` for as soon as possible.
     repeats : int
@@ -266,9 +266,9 @@ class AmplitudeModulation:
     Parameters
     ----------
     first, count : int
-        Which samples of the buffer.
+        The samples of the buffer that apply.
     hold : int
-        For how many carrier periods each sample holds.
+        The number of carrier periods that each sample holds.
     period : int
         Carrier period at which the first begins; `NOW` for as soon as possible.
     """
@@ -465,7 +465,7 @@ def header_fields(data: bytes) -> dict[str, Any]:
     Parameters
     ----------
     data : bytes
-        At least the 32 bytes of a header.
+        The bytes of a block, at least the 32 of its header.
     """
     by_kind = (field.name for field in dataclass_fields(_Fields))
     names = ("magic", "version", "kind", "sequence", *by_kind, "checksum")

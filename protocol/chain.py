@@ -137,7 +137,7 @@ def decode(tokens: bytes) -> Message:
     Parameters
     ----------
     tokens : bytes
-        As `Message.encode` gives them: the last is the control token END.
+        The result of `Message.encode`: the last is the control token END.
 
     Raises
     ------
@@ -279,7 +279,7 @@ class Load(_ToProcessor):
     processor : int
         Place in the chain, 0 to 9.
     memory : Memory
-        Which memory.
+        The memory concerned.
     first : int
         First item that is replaced.
     data : bytes
@@ -465,7 +465,7 @@ class Report(Message):
     processor : int
         Place in the chain, 0 to 9.
     temperature_c : int
-        Of the board, °C.
+        Temperature of the board, °C.
     faults : int
         Bits of the faults that the processor sees, 16 bits.
     firmware : (int, int, int)
@@ -556,7 +556,7 @@ class Identity(Message):
     firmware : (int, int, int)
         Version.
     unique_id : int
-        Of the processor's package, 64 bits.
+        Number of the processor's package, 64 bits.
     """
 
     processor: int

@@ -18,6 +18,7 @@ __all__ = [
     "CHECKSUM_OFFSET",
     "CLASS_REQUEST_TYPE_IN",
     "CLASS_REQUEST_TYPE_OUT",
+    "CLEARED_BELOW_C",
     "COLLECTIONS_MISSED",
     "COLLECT_MS",
     "CONTROLLER_NODE",
@@ -44,6 +45,7 @@ __all__ = [
     "NOW",
     "NUMBER_MS",
     "PAYLOAD_BYTES",
+    "PROMISED_PERIODS",
     "PROTOCOL_REVISION",
     "PROTOCOL_VERSION",
     "RECORD_BYTES",
@@ -60,8 +62,10 @@ __all__ = [
     "SLOTS",
     "STALL_MS",
     "STATUS_MAGIC",
+    "SUPPLY_RANGE_MV",
     "SYNC_PERIODS",
     "SYNC_TOLERANCE_TICKS",
+    "TEMPERATURE_LIMIT_C",
     "UNNUMBERED_NODE",
     "AckFlag",
     "Action",
@@ -104,6 +108,8 @@ CHECKSUM_OFFSET = 28
 NOW = 0
 """The period that stands for "as soon as possible"."""
 HORIZON_PERIODS = 2**32
+PROMISED_PERIODS = 5
+"""A change that names this period after the one in which its block arrived is in time (clause BLK-005)."""
 SILENT_PERIODS = 6
 """After so many periods at most all outputs are silent that were turned off (clause SAF-004)."""
 
@@ -186,7 +192,24 @@ class Reason(IntEnum):
         """What it means, for people."""
         return _REASONS[self][1]
 
+    def with_values(self, **values: object) -> str:
+        """What it means, with the values of the block and of the device if both are known.
 
+        Parameters
+        ----------
+        values : object
+            Those that `text` leaves out: ``sequence`` and ``last`` for SEQUENCE; ``period`` and ``arrived`` for
+            HORIZON; ``period``, ``named`` and ``least`` for RATE; ``drive`` and ``limit``, in transducers, for DRIVE.
+        """
+        return _WITH_VALUES[self].format(**values)
+
+
+_WITH_VALUES = {
+    Reason.SEQUENCE: "number {sequence} does not follow {last}, the last accepted one",
+    Reason.HORIZON: "period {period} is more than 2**32 ahead of {arrived}, in which the block had arrived",
+    Reason.RATE: "period {period} follows {named}, and the chain needs {least} periods for an update",
+    Reason.DRIVE: "a total drive of {drive:g} is above the limit of {limit}",
+}
 _REASONS = {
     Reason.ACCEPTED: ("ACK-001", "accepted"),
     Reason.LENGTH: ("BLK-001", "the block is not exactly 512 bytes long"),
@@ -268,6 +291,13 @@ class Fault(IntFlag):
 
 SILENCING_FAULTS = Fault.PROCESSOR | Fault.SYNC | Fault.TEMPERATURE | Fault.SUPPLY
 """Faults that take the device to the state FAULT; the others are only reported."""
+
+TEMPERATURE_LIMIT_C = 85
+"""A board above it has the fault TEMPERATURE (clause SAF-008)."""
+CLEARED_BELOW_C = 80
+"""The fault TEMPERATURE can be cleared below it (clause REQ-011)."""
+SUPPLY_RANGE_MV = range(12_000, 18_001)
+"""A board whose supply is not in it has the fault SUPPLY (clause SAF-008)."""
 
 
 class Feature(IntFlag):

@@ -66,7 +66,7 @@ class CommandForm(NamedTuple):
     request : Request or None
         The control request that it stands for; None for one without.
     meaning : str
-        Its line in the help.
+        The line of the command in the help.
     argument : Argument or None
         What must follow the name.
     """

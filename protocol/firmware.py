@@ -173,7 +173,7 @@ class Image:
     Parameters
     ----------
     version : Version
-        At most 99.9.9.
+        The version, at most 99.9.9.
     segments : tuple of Segment
         One for all processors or ten for one each, in their order, and last the controller's; 1 to 65 536 bytes each.
     hardware : Hardware

@@ -115,7 +115,7 @@ class SerialReply:
     Parameters
     ----------
     tag : int
-        As in the request, 8 bits.
+        The request's tag, 8 bits.
     outcome : Outcome
         Whether it was done.
     data : bytes

@@ -94,7 +94,7 @@ def quantise(drives: Any, phase: Any, width: Any) -> int:
     ----------
     drives : (k, n) complex64 or complex128
     phase, width : (k, n) uint8
-        Written.
+        The result, written here.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def pack(phase: Any, width: Any, sequence: int, periods: Any, restart: bool, blo
     restart : bool
         Whether the numbering begins anew with the first.
     blocks : (k, 512) uint8
-        Written.
+        The result, written here.
 
     Returns
     -------
@@ -203,7 +203,7 @@ def unpack(
     sequences : (k,) uint32
     periods : (k,) uint64
     restarts : (k,) bool
-        Written; all but `reasons` only if a block is a valid update.
+        Outputs; all but `reasons` only if a block is a valid update.
     """
     for row in range(blocks.shape[0]):
         block = blocks[row]

@@ -55,7 +55,7 @@ def check_pulses(frames: PulseFrames, first: int = 0) -> None:
     Parameters
     ----------
     frames : PulseFrames
-        From whoever may have made a mistake.
+        Frames from a caller that may have made a mistake.
     first : int
         Number of the first of them.
     """

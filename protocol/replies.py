@@ -76,27 +76,27 @@ def _sealed(layout: Construct, magic: bytes, record: Status) -> bytes:
 
 
 _READ_BACK = struct.Struct("<QQ")
-_ACK = struct.Struct("<2sBBIQQBBBx")
-_ACK_OCTETS = struct.Struct("<2sBBIQQBBBB")
-_ACK_FLAGS = sum(AckFlag)
-_ACK_CODES = {"reason": frozenset(Reason), "state": frozenset(State)}
-_ACK_MOST = {"sequence": 2**32 - 1, "commit_period": 2**64 - 1, "now": 2**64 - 1, "flags": 255, "free": 255}
 
-
-ACKS = np.dtype(
-    [
-        ("magic", "S2"),
-        ("version", "u1"),
-        ("reason", "u1"),
-        ("sequence", "<u4"),
-        ("commit_period", "<u8"),
-        ("now", "<u8"),
-        ("flags", "u1"),
-        ("free", "u1"),
-        ("state", "u1"),
-        ("reserved", "u1"),
-    ]
-)
+_ACK_FIELDS: dict[str, tuple[str, frozenset[int] | None]] = {
+    "magic": ("2s", None),
+    "version": ("B", frozenset({PROTOCOL_VERSION})),
+    "reason": ("B", frozenset(Reason)),
+    "sequence": ("I", None),
+    "commit_period": ("Q", None),
+    "now": ("Q", None),
+    "flags": ("B", frozenset(range(sum(AckFlag) + 1))),
+    "free": ("B", None),
+    "state": ("B", frozenset(State)),
+    "reserved": ("B", frozenset({0})),
+}
+"""The layout of an acknowledgement but for its checksum, and the values of fields that may not have any (ACK-002)."""
+_ACK = struct.Struct("<" + "".join(format for format, _ in _ACK_FIELDS.values()))
+_ACK_VALUES = {name: values for name, (_, values) in _ACK_FIELDS.items() if values is not None}
+_ACK_MOST = {
+    name: 2 ** (8 * struct.calcsize(_ACK_FIELDS[name][0])) - 1
+    for name in ("sequence", "commit_period", "now", "flags", "free")
+}
+ACKS = np.dtype([(name, "S2" if format == "2s" else f"<{format}") for name, (format, _) in _ACK_FIELDS.items()])
 
 
 def encode_acks(
@@ -124,9 +124,10 @@ _SEALED_CRC = 0x2144DF1C  # CRC-32 of whatever ends with its own CRC-32
 def _possible_octets() -> NDArray[np.bool_]:
     """Which values each octet of an acknowledgement may have by itself, (32 · 256,) (clause ACK-002)."""
     possible = np.ones((RECORD_BYTES, 256), np.bool_)
-    flags = [value for value in range(256) if not value & ~_ACK_FLAGS]
-    heads: list[Iterable[int]] = [ACK_MAGIC[:1], ACK_MAGIC[1:], [PROTOCOL_VERSION], Reason]
-    for at, values in [*enumerate(heads), (24, flags), (26, State), (27, [0])]:
+    octets: dict[int, Iterable[int]] = {at: [octet] for at, octet in enumerate(ACK_MAGIC)}
+    assert ACKS.fields is not None  # of a plain type
+    octets |= {ACKS.fields[name][1]: values for name, values in _ACK_VALUES.items()}
+    for at, values in octets.items():
         possible[at] = np.isin(np.arange(256), list(values))
     return possible.reshape(-1)
 
@@ -137,14 +138,14 @@ _OCTET_ROWS = 256 * np.arange(RECORD_BYTES)
 
 def _is_ack(record: bytes | bytearray | memoryview) -> bool:
     """Whether 32 bytes are a sound acknowledgement."""
-    magic, version, reason, _, _, _, flags, _, state, reserved = _ACK_OCTETS.unpack_from(record)
+    magic, version, reason, _, _, _, flags, _, state, reserved = _ACK.unpack_from(record)
     return (
         crc32(record) == _SEALED_CRC
         and magic == ACK_MAGIC
         and version == PROTOCOL_VERSION
-        and reason in _ACK_CODES["reason"]
-        and not flags & ~_ACK_FLAGS
-        and state in _ACK_CODES["state"]
+        and reason in _ACK_VALUES["reason"]
+        and flags in _ACK_VALUES["flags"]
+        and state in _ACK_VALUES["state"]
         and not reserved
     )
 
@@ -225,9 +226,9 @@ class Ack:
 
     def encode(self) -> bytes:
         """Encode as 32 bytes; raise `ValueError` if a field does not fit."""
-        for name, codes in _ACK_CODES.items():
-            if getattr(self, name) not in codes:
-                raise ValueError(f"{name} {getattr(self, name)} is none of {[code.value for code in codes]}")
+        for name in ("reason", "state"):
+            if getattr(self, name) not in _ACK_VALUES[name]:
+                raise ValueError(f"{name} {getattr(self, name)} is none of {sorted(map(int, _ACK_VALUES[name]))}")
         for name, most in _ACK_MOST.items():
             whole(name, getattr(self, name), 0, most)
         body = _ACK.pack(
@@ -240,13 +241,14 @@ class Ack:
             self.flags,
             self.free,
             self.state,
+            0,
         )
         return body + zlib.crc32(body).to_bytes(4, "little")
 
     @classmethod
     def of(cls, row: np.void) -> Ack:
         """One row of `decode_acks` as a value."""
-        _, _, reason, sequence, commit_period, now, flags, free, state = _ACK.unpack(row.tobytes())
+        _, _, reason, sequence, commit_period, now, flags, free, state, _ = _ACK.unpack(row.tobytes())
         return cls(Reason(reason), sequence, commit_period, now, AckFlag(flags), free, State(state))
 
     @classmethod
@@ -271,7 +273,7 @@ class Status:
     Parameters
     ----------
     state : State
-        Its state.
+        The state of the device.
     faults : Fault
         What is wrong with it.
     last_refusal : Reason
@@ -289,9 +291,9 @@ class Status:
     free : int
         Changes that the device can still queue.
     temperature_c : int
-        Of the hottest board, in °C.
+        Temperature of the hottest board, °C.
     watchdog_ms : int
-        After how long a silence of the host the outputs go off, in ms.
+        The time without a sign of life after which the outputs go off, ms.
     drive_limit : int
         Most power that a block may ask for, in fully driven transducers.
     dropped_frames : int
@@ -551,7 +553,7 @@ class ProcessorReport:
     ----------
     faults : Fault
     temperature_c : int
-        Of its board, in °C.
+        Temperature of its board, °C.
     bank : Bank or None
         Where its firmware came from; None if no processor is there.
     missed_commits, damaged_messages : int

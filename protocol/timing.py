@@ -112,9 +112,9 @@ class Link:
     Parameters
     ----------
     name : str
-        For people and URLs.
+        The name for people and URLs.
     wires : int
-        In each direction, 2 or 5.
+        Wires in each direction, 2 or 5.
     symbols_per_token : int
         10 on two wires, 4 on five.
     cycles_per_symbol : int
@@ -208,7 +208,7 @@ class Budget:
     link : Link
         Set-up of the chain's links.
     stages : tuple of Stage
-        In the order of the way. The last is the wait for the boundary at its longest.
+        Stages in the order of the way. The last is the wait for the boundary at its longest.
     """
 
     link: Link

@@ -89,9 +89,9 @@ class Export(NamedTuple):
     bus, number : int
         Numbers of the bus, and of the device on it.
     enumeration : Enumeration
-        Its descriptors.
+        The device's descriptors.
     speed : Speed
-        Its speed.
+        The device's speed.
     configuration : int
         The selected configuration, 0 for none.
     """
@@ -125,7 +125,7 @@ class Offer(NamedTuple):
     speed : int
         Linux's number of its speed.
     vendor, product : int
-        Its numbers.
+        The device's numbers.
     interfaces : tuple of (int, int, int)
         Class, subclass and protocol of each interface; only a list tells them.
     """
@@ -152,7 +152,7 @@ class Answer(NamedTuple):
     unlinked : bool
         Whether it answers `Unlink`.
     number : int
-        That of the command.
+        The number of the command.
     status : int
         0, or the negative number of an error of Linux.
     actual : int
@@ -181,7 +181,7 @@ class Submit(NamedTuple):
     Parameters
     ----------
     number : int
-        That of the command; the answer repeats it.
+        The number of the command; the answer repeats it.
     device_id : int
         The device.
     endpoint : int
@@ -199,7 +199,7 @@ class Submit(NamedTuple):
     data : bytes
         The data to send.
     interval : int
-        Of an interrupt endpoint, in frames or microframes; 0 for others.
+        The interval of an interrupt endpoint, in frames or microframes; 0 for others.
     """
 
     number: int

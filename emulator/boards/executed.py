@@ -17,13 +17,13 @@ from ...firmware.xs1.names import PORT_IDS
 from ...firmware.xs1.state import CHANNEL_ENDS
 from ...firmware.xs1.switch import CONTROL, SWITCH_CONFIGURATION, XLINK, LinkField, Switch, serve
 from ...protocol.board import CYCLES_PER_MS, CYCLES_PER_TICK
-from ...protocol.codes import CONTROLLER_NODE, END_TOKEN, UNNUMBERED_NODE
+from ...protocol.codes import CONTROLLER_NODE, END_TOKEN, SUPPLY_RANGE_MV, UNNUMBERED_NODE
 from ...protocol.timing import Link
 from ..ports.capture import Track
 from ..ports.clock import BoardClock, Timebase
 from ..ports.recording import PortRecording
 from ..scheduler import Scheduler
-from .package import SUPPLY_RANGE_MV, Package
+from .package import Package
 
 __all__ = ["DOWN_LINK", "UP_LINK", "ExecutedProcessor", "with_end"]
 
@@ -49,7 +49,7 @@ class ExecutedProcessor(Package):
     scheduler : Scheduler
         The clock of the machine.
     place : int
-        In the chain, 0 to 9.
+        Its place in the chain, 0 to 9.
     clock : BoardClock
         The ticks of its board; it starts with the sync line.
     program : bytes
@@ -59,9 +59,9 @@ class ExecutedProcessor(Package):
     link : Link
         Set-up of its links.
     late_ticks : int
-        By how much the sync line reaches it late.
+        The delay with which the sync line reaches it.
     log : callable
-        Takes a line about each thing that happens.
+        What takes a line about each thing that happens.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class ExecutedProcessor(Package):
         Parameters
         ----------
         tokens : bytes
-            With their route header.
+            The tokens, with their route header.
         arrives : int
             Core cycle.
         ends : bool

@@ -52,7 +52,7 @@ def carry(
     passed : (p,) int64
         Tokens that passed so far. Brought up to date.
     spans : (m, 2) int64
-        Written: when the first token began to pass into each place, and the last one has.
+        Output: when the first token began to pass into each place, and the last one has.
     """
     room = freed.shape[1]
     last = path.size - 1

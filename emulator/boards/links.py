@@ -111,7 +111,7 @@ class Links:
         Parameters
         ----------
         processor : int
-            To which one, 0 to 9: see `switches.destination`. While a route is open it leads to another: see `ends`.
+            The receiver, 0 to 9: see `switches.destination`. While a route is open it leads to another: see `ends`.
         tokens : int
             How many, header and END among them, at least 1. Lost and doubled ones are not or twice among them.
         at : int
@@ -146,7 +146,7 @@ class Links:
         Parameters
         ----------
         processors, tokens : sequence of int
-            Of each message, as for `down`. Each has its END and reaches its processor.
+            The arguments of `down` for each message. Each has its END and reaches its processor.
         at : int
             Core cycle.
 
@@ -163,9 +163,9 @@ class Links:
         Parameters
         ----------
         processor : int
-            From which one, 0 to 9.
+            The sender, 0 to 9.
         tokens, at
-            As for `down`.
+            The arguments of `down`.
         ends : bool
             Whether its END is there. Without, the route stays open: the same processor's next message runs into the
             same channel end and may close it. What others send until then is held up, and given up here.
@@ -266,17 +266,7 @@ class _Buffers:
 
 
 class _Wires:
-    """The links in one direction.
-
-    Parameters
-    ----------
-    ways : list of _Way
-        For each processor, how its messages go.
-    cycles : list of int
-        Per token, of each link.
-    hop_cycles, credit_cycles : int
-        As of `Links`.
-    """
+    """The links in one direction."""
 
     def __init__(self, ways: list[_Way], cycles: list[int], hop_cycles: int, credit_cycles: int) -> None:
         self.opened: int | None = None

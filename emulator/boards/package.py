@@ -9,11 +9,10 @@ from ..ports.capture import Forced, Track
 from ..ports.clock import BoardClock, Timebase
 from ..scheduler import Scheduler
 
-__all__ = ["AMBIENT_C", "SUPPLY_MV", "SUPPLY_RANGE_MV", "Package"]
+__all__ = ["AMBIENT_C", "SUPPLY_MV", "Package"]
 
 AMBIENT_C = 25
 SUPPLY_MV = 15_000
-SUPPLY_RANGE_MV = range(12_000, 18_001)
 ALL_BITS = 2**CHANNELS_PER_PROCESSOR - 1
 
 
@@ -25,7 +24,7 @@ class Package(ABC):
     scheduler : Scheduler
         The clock of the machine.
     place : int
-        In the chain, 0 to 9. The processor is not told.
+        Its place in the chain, 0 to 9. The processor is not told.
     clock : BoardClock
         The ticks of its board.
     """

@@ -37,8 +37,10 @@ from ...protocol.chain import (
 from ...protocol.codes import (
     DEAF_MS,
     SILENCING_FAULTS,
+    SUPPLY_RANGE_MV,
     SYNC_PERIODS,
     SYNC_TOLERANCE_TICKS,
+    TEMPERATURE_LIMIT_C,
     UNNUMBERED_NODE,
     ChannelEnd,
     Fault,
@@ -50,11 +52,10 @@ from ..ports.clock import COUNTER_TICKS, BoardClock, Timebase
 from ..ports.history import History
 from ..scheduler import Scheduler
 from ..trace import Tracer
-from .package import SUPPLY_RANGE_MV, Package
+from .package import Package
 
-__all__ = ["TEMPERATURE_LIMIT_C", "Processor"]
+__all__ = ["Processor"]
 
-TEMPERATURE_LIMIT_C = 85
 COUNTER_BITS = 16
 SYNC_STEP = SYNC_PERIODS * TICKS_PER_PERIOD % COUNTER_TICKS
 """By how much the port's counter advances from one pulse of the sync line to the next (clause CHN-027)."""
@@ -81,7 +82,7 @@ class Processor(Package):
     scheduler : Scheduler
         The clock of the machine.
     place : int
-        In the chain, 0 to 9. It is not told: `number` is what it was given.
+        Its place in the chain, 0 to 9. It is not told: `number` is what it was given.
     clock : BoardClock
         The ticks of its board.
     firmware : (int, int, int)
@@ -89,9 +90,9 @@ class Processor(Package):
     unique_id : int
         64 bits, of its package.
     log : callable
-        Takes a line about each thing that happens.
+        What takes a line about each thing that happens.
     tracer : Tracer
-        Is told what it does.
+        What is told of its work.
     """
 
     def __init__(

@@ -22,15 +22,7 @@ STORED = (Slot, Entries, Samples)
 
 
 class Admission:
-    """Judges blocks.
-
-    Parameters
-    ----------
-    device : DeviceState
-        By which they are judged.
-    dispatch : Dispatch
-        Says what is stored and in use, and what the chain can do.
-    """
+    """Judges blocks."""
 
     def __init__(self, device: DeviceState, dispatch: Dispatch) -> None:
         self._device = device
@@ -47,7 +39,7 @@ class Admission:
         if isinstance(body, CHANGES + STORED) and device.faults & SILENCING_FAULTS:
             raise BlockError(f"{device.faults.name} is not cleared", Reason.FAULT)
         if isinstance(body, CHANGES) and device.state not in ENABLED:
-            raise BlockError("the outputs are not enabled", Reason.DISABLED)
+            raise BlockError(Reason.DISABLED.text, Reason.DISABLED)
 
     def _judge_numbers(self, block: Block, arrived: int) -> None:
         """Judge a block by its number, its period and its drive."""
@@ -66,13 +58,13 @@ class Admission:
             1000 * device.drive_limit,
         )
         if reason:
-            texts = {
-                Reason.SEQUENCE: f"number {sequence} does not follow {last}",
-                Reason.HORIZON: f"period {requested} is too far ahead",
-                Reason.RATE: f"period {requested} follows {named} more closely than the chain can",
-                Reason.DRIVE: f"a total drive of {drive / 1000} transducers is above {device.drive_limit}",
+            values: dict[Reason, dict[str, object]] = {
+                Reason.SEQUENCE: {"sequence": sequence, "last": last},
+                Reason.HORIZON: {"period": requested, "arrived": arrived},
+                Reason.RATE: {"period": requested, "named": named, "least": self._dispatch.periods_per_update},
+                Reason.DRIVE: {"drive": drive / 1000, "limit": device.drive_limit},
             }
-            raise BlockError(texts[reason], reason)
+            raise BlockError(reason.with_values(**values[reason]), reason)
 
     def _judge_stores(self, body: Body) -> None:
         """Judge a block by what is stored, and by what of it is in use."""

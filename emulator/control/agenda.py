@@ -106,15 +106,7 @@ class UpdateBatch:
 
 
 class Agenda:
-    """What is planned.
-
-    Parameters
-    ----------
-    time : Timebase
-        The device's periods.
-    link : Link
-        Set-up of the chain's links.
-    """
+    """What is planned."""
 
     def __init__(self, time: Timebase, link: Link) -> None:
         self._time = time

@@ -10,7 +10,7 @@ from ...base.compiling import kernel
 from ...protocol.board import CYCLES_PER_PERIOD
 from ...protocol.numbering import follows, missing
 from .admission import judge_numbers
-from .planning import plan
+from .planning import Rules, plan
 
 __all__ = ["plan_updates", "sort_pulses"]
 
@@ -30,7 +30,6 @@ def _total_drive(width: Any, power: Any) -> int:
 
 @kernel
 def plan_updates(
-    packets: Any,
     reasons: Any,
     restarts: Any,
     sequences: Any,
@@ -38,72 +37,67 @@ def plan_updates(
     widths: Any,
     power: Any,
     recent: Any,
-    numbers: Any,
-    times: Any,
-    arrivals: Any,
-    starts: Any,
-    periods: Any,
-    gaps: Any,
-    free: Any,
-) -> int:
+    rules: tuple[int, ...],
+    progress: tuple[int, ...],
+    planned: Any,
+) -> tuple[int, tuple[int, ...]]:
     """Judge and plan updates that arrive back to back, up to the first that is not quite regular.
 
     Parameters
     ----------
-    packets : int
-        How many there are.
     reasons, restarts, sequences, requested : (k,) int
-        As `protocol.unpack_updates` reads them; `requested` are the periods that they name.
+        The fields of `protocol.unpack_updates`; `requested` are the periods that they name.
     widths : (k, 320) uint8
-        Of their pulses.
+        Widths of their pulses.
     power : (26,) int
         Power of a pulse of each width, in thousandths (clause SAF-006).
     recent : (q,) int64
         When the last q changes left or leave the queue of q places, oldest first; written.
-    numbers : (5,) int64
-        The last sequence number, the last named period (-1 for none), the drive limit in thousandths, periods per
-        update, and the horizon in periods; the first two are written.
-    times : (11,) int64
-        Origin, now, cycles of a packet, cycles to sort, end of the time there is, then the tail (sent, period, table)
-        and the cost (occupies, forward, lead) of an update; now and the tail are written.
-    arrivals, starts, periods, gaps, free : (k,) int64
-        Written: when each has arrived, when it goes onto the chain, the period that it gets, how many numbers were left
+    rules : tuple
+        The fields of `Rules`. A named tuple would cost numba 30 µs at each call.
+    progress : tuple
+        The fields of `Progress`, up to the update before them.
+    planned : (5, k) int64
+        Output: when each has arrived, when it goes onto the chain, the period that it gets, how many numbers were left
         out before it, and the free places of the queue when it was judged, itself included.
 
     Returns
     -------
     int
         How many of them were taken.
+    tuple
+        The fields of `Progress`, up to the last of these.
     """
-    origin, now, packet, sort, end = times[0], times[1], times[2], times[3], times[4]
-    sent, period, table = times[5], times[6], times[7]
+    by = Rules(*rules)
+    now, number, named, sent, period, table = progress
+    arrivals, starts, periods, gaps, free = planned
     places = recent.size
     index = 0
-    while index < packets:
+    while index < reasons.size:
         sequence, asked = sequences[index], requested[index]
-        arrival = max(now + packet, recent[0])
-        at = (arrival - origin) // CYCLES_PER_PERIOD
-        if reasons[index] != 0 or restarts[index] or arrival > end:
+        arrival = max(now + by.packet, recent[0])
+        if reasons[index] != 0 or restarts[index] or arrival > by.end:
             break
         drive = _total_drive(widths[index], power)
-        in_order, furthest = compiled_follows(sequence, numbers[0]), at + numbers[4]
-        if compiled_judge_numbers(in_order, asked, furthest, numbers[1], numbers[3], drive, numbers[2]) != 0:
+        furthest = (arrival - by.origin) // CYCLES_PER_PERIOD + by.horizon
+        in_order = compiled_follows(sequence, number)
+        if compiled_judge_numbers(in_order, asked, furthest, named, by.periods_per_update, drive, by.limit) != 0:
             break
-        start, period = compiled_plan(origin, arrival + sort, sent, table, period, asked, times[9], times[10])
-        table, sent = period, start + times[8]
+        ready = arrival + by.sort
+        start, period = compiled_plan(by.origin, ready, sent, table, period, asked, by.forward, by.lead)
+        table, sent = period, start + by.occupies
         queued = 1
         for place in range(places - 1):
             recent[place] = recent[place + 1]
             queued += recent[place] > arrival
         recent[places - 1] = start
         arrivals[index], starts[index], periods[index], free[index] = arrival, start, period, places - queued
-        gaps[index], numbers[0] = compiled_missing(sequence, numbers[0]), sequence
+        gaps[index], number = compiled_missing(sequence, number), sequence
         if asked:
-            numbers[1] = asked
+            named = asked
         now = arrival
-        times[1], times[5], times[6], times[7] = now, sent, period, table
         index += 1
-    return index
+    return index, (now, number, named, sent, period, table)
 
 
 @kernel
@@ -117,7 +111,7 @@ def sort_pulses(payloads: Any, transducers: Any, sorted_payloads: Any) -> None:
     transducers : (320,) int64
         Transducer of each channel.
     sorted_payloads : (k, 480) uint8
-        Written.
+        The result, written here.
     """
     for row in range(payloads.shape[0]):
         for pair in range(transducers.size // 2):

@@ -25,28 +25,14 @@ from .agenda import QUEUE_BLOCKS, UpdateBatch
 from .device_state import DeviceState
 from .dispatch import Dispatch
 from .execution import Execution
-from .planning import is_late
+from .planning import Progress, Rules, is_late
 from .state_machine import WATCHED, StateMachine
 
 __all__ = ["Batches"]
 
 
 class Batches:
-    """Takes updates together.
-
-    Parameters
-    ----------
-    device : DeviceState
-        By which they are judged; counts them.
-    dispatch : Dispatch
-        Takes their plan.
-    machine : StateMachine
-        Whose watchdog they feed.
-    execution : Execution
-        Knows what they mean when they take effect.
-    wiring : Wiring
-        The table by which pulses are sorted.
-    """
+    """Takes updates together."""
 
     def __init__(
         self, device: DeviceState, dispatch: Dispatch, machine: StateMachine, execution: Execution, wiring: Wiring
@@ -69,7 +55,7 @@ class Batches:
         deadline : int
             Core cycle by which the last must have arrived.
         door : Door
-            Takes the acknowledgements.
+            What takes the acknowledgements.
 
         Returns
         -------
@@ -111,17 +97,22 @@ class Batches:
         most = QUEUE_BLOCKS + max(end - began, 0) // CYCLES_PER_PERIOD + 1  # more do not find room by then
         packets = packets[:most]
         updates, tail, cost = unpack_updates(packets), dispatch.agenda.tail, dispatch.agenda.update_cost
+        rules = Rules(
+            origin=dispatch.time.origin,
+            packet=PACKET_CYCLES,
+            sort=SORT_CYCLES,
+            end=end,
+            limit=1000 * device.drive_limit,
+            periods_per_update=dispatch.periods_per_update,
+            horizon=HORIZON_PERIODS,
+            **cost._asdict(),
+        )
+        assert device.last_sequence is not None  # else they are not regular
         named = -1 if device.last_named is None else device.last_named
-        numbers = np.array(
-            [device.last_sequence, named, 1000 * device.drive_limit, dispatch.periods_per_update, HORIZON_PERIODS]
-        )
-        times = np.array(
-            [dispatch.time.origin, began, PACKET_CYCLES, SORT_CYCLES, end, tail.sent, tail.period, tail.table, *cost]
-        )
-        arrivals, starts, periods, gaps, free = planned = np.empty((5, len(packets)), np.int64)
+        before = Progress(began, device.last_sequence, named, tail.sent, tail.period, tail.table)
+        planned = np.empty((5, len(packets)), np.int64)
         sequences, requested = updates.sequence.astype(np.int64), np.minimum(updates.period, 2**62).astype(np.int64)
-        taken = plan_updates(
-            packets=len(packets),
+        taken, after = plan_updates(
             reasons=updates.reason,
             restarts=updates.restart,
             sequences=sequences,
@@ -129,13 +120,9 @@ class Batches:
             widths=updates.width,
             power=POWER,
             recent=dispatch.agenda.recent,
-            numbers=numbers,
-            times=times,
-            arrivals=arrivals,
-            starts=starts,
-            periods=periods,
-            gaps=gaps,
-            free=free,
+            rules=tuple(rules),
+            progress=tuple(before),
+            planned=planned,
         )
         if not taken:
             return 0, began
@@ -148,7 +135,8 @@ class Batches:
         dispatch.stores.end(int(periods[0]), sequences=True, modulations=False)
         late = is_late(requested[:taken], periods)
         self._acknowledge(door, sequences[:taken], arrivals, periods, late, gaps, free)
-        device.last_sequence, device.last_named = int(numbers[0]), None if numbers[1] < 0 else int(numbers[1])
+        progress = Progress(*after)
+        device.last_sequence, device.last_named = progress.number, None if progress.named < 0 else progress.named
         device.accepted += taken
         device.late += int(late.sum())
         device.lost += int(gaps.sum())

@@ -69,21 +69,7 @@ Tamper = Callable[[Passing], Passing]
 
 
 class Chain(ABC):
-    """Ten processors behind one controller.
-
-    Parameters
-    ----------
-    scheduler : Scheduler
-        The clock of the machine.
-    processors : sequence of Package
-        In the order of the chain.
-    link : Link
-        Set-up of all links.
-    tracer : Tracer
-        Is told of every message.
-    tampers : sequence of callable
-        What is done to messages, one after the other; each takes a message and gives it as it arrives.
-    """
+    """Ten processors behind one controller."""
 
     starting_cycles = 0
     """From the start of the last program until it can be numbered."""
@@ -212,13 +198,7 @@ class Chain(ABC):
 
 
 class ModelledChain(Chain):
-    """A chain of models of processors.
-
-    Parameters
-    ----------
-    scheduler, processors, link, tracer, tampers
-        As of `Chain`.
-    """
+    """A chain of models of processors."""
 
     def __init__(
         self,
@@ -302,17 +282,7 @@ def piece_of(packed: bytes, place: int) -> bytes:
 
 
 class Numbering:
-    """Numbers the processors from 0 up, each after the answer of the one before (clause CHN-023).
-
-    Parameters
-    ----------
-    scheduler : Scheduler
-        The clock of the machine.
-    chain : Chain
-        Whose `hear` it takes over meanwhile.
-    done : callable
-        Takes the identities, in the order of the chain; the chain is complete with ten.
-    """
+    """Numbers the processors from 0 up, each after the answer of the one before (clause CHN-023)."""
 
     def __init__(self, scheduler: Scheduler, chain: Chain, done: Callable[[list[Identity]], None]) -> None:
         self._scheduler = scheduler

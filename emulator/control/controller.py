@@ -57,15 +57,15 @@ class Controller:
         What the processors answered when they were numbered.
     identification : Identification
     log : callable
-        Takes a line about each thing that happens.
+        What takes a line about each thing that happens.
     restart : callable
-        Starts the device anew, as at power-up.
+        What starts the device anew, as at power-up.
     revert : callable
-        Does the same, and goes back to the factory image on the way.
+        What does the same, and goes back to the factory image on the way.
     confirm : callable
-        Told once that the firmware has come up (clause FWU-020).
+        What is told once that the firmware has come up (clause FWU-020).
     faults : Fault
-        That are known from the beginning.
+        Faults that are known from the beginning.
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class Controller:
         Parameters
         ----------
         packet : bytes
-            Of any length.
+            The bytes of the block, of any number.
         door : Door
         arrived : int, optional
             Tick at which its last byte had arrived; now by default.

@@ -33,23 +33,7 @@ STOP_MODULATION = Program(0, Memory.SAMPLES, 0, 0, 0)
 
 
 class Dispatch:
-    """What waits for the chain, and for its period.
-
-    Parameters
-    ----------
-    scheduler : Scheduler
-        The clock of the machine.
-    time : Timebase
-        The device's periods.
-    chain : Chain
-        The way to the processors.
-    device : DeviceState
-        What plays: by that it knows when something takes effect that somebody could notice.
-    log : callable
-        Takes a line about each thing that happens.
-    on_wake : callable
-        Called when something has taken effect that somebody could notice.
-    """
+    """What waits for the chain, and for its period."""
 
     def __init__(
         self,

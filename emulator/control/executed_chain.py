@@ -48,13 +48,7 @@ TRAIN_TOKENS = [Slice.TOKENS] * PROCESSORS + [Commit.TOKENS] * PROCESSORS
 
 
 class ExecutedChain(Chain):
-    """A chain of processors that execute their firmware.
-
-    Parameters
-    ----------
-    scheduler, processors, link, tracer, tampers
-        As of `Chain`.
-    """
+    """A chain of processors that execute their firmware."""
 
     starting_cycles = STARTING_CYCLES
 

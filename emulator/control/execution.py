@@ -39,19 +39,7 @@ PLACES = range(PROCESSORS)
 
 
 class Execution:
-    """Carries out blocks.
-
-    Parameters
-    ----------
-    device : DeviceState
-        Is told what plays.
-    dispatch : Dispatch
-        Takes changes and stores.
-    machine : StateMachine
-        Is told what has begun or ended.
-    wiring : Wiring
-        The table by which pulses are sorted.
-    """
+    """Carries out blocks."""
 
     def __init__(self, device: DeviceState, dispatch: Dispatch, machine: StateMachine, wiring: Wiring) -> None:
         self._device = device

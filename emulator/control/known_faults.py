@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ...protocol.chain import Identity
-from ...protocol.codes import SILENCING_FAULTS, Bank, Fault
+from ...protocol.codes import CLEARED_BELOW_C, SILENCING_FAULTS, Bank, Fault
 from ...protocol.replies import ENABLED
 from ...protocol.states import StateEvent
 from .device_state import DeviceState
@@ -19,26 +19,9 @@ from .supervisor import BROKEN, Supervisor
 
 __all__ = ["KnownFaults"]
 
-CLEARED_BELOW_C = 80
-
 
 class KnownFaults:
-    """Raises faults and clears them.
-
-    Parameters
-    ----------
-    device : DeviceState
-        Whose faults it changes.
-    dispatch : Dispatch
-    machine : StateMachine
-        Is told that a fault silences the device.
-    identities : sequence of Identity
-        What the processors answered when they were numbered.
-    bank : Bank
-        Where the firmware came from.
-    log : callable
-        Takes a line about each thing that happens.
-    """
+    """Raises faults and clears them."""
 
     def __init__(
         self,

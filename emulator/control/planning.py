@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ...protocol.board import CYCLES_PER_PERIOD
 
-__all__ = ["Cost", "is_late", "plan"]
+__all__ = ["Cost", "Progress", "Rules", "is_late", "plan"]
 
 
 class Cost(NamedTuple):
@@ -22,6 +22,36 @@ class Cost(NamedTuple):
     """From its first token to the last processor that is ready with it."""
     lead: int
     """From its first token to its first commit, which must not come while an earlier commit waits for its period."""
+
+
+class Rules(NamedTuple):
+    """By what updates are judged and planned: times in core cycles, the limit in thousandths (clause SAF-006)."""
+
+    origin: int
+    packet: int
+    sort: int
+    end: int
+    """Of the time that there is."""
+    limit: int
+    periods_per_update: int
+    horizon: int
+    """In periods."""
+    occupies: int
+    forward: int
+    lead: int
+    """This and the two before it: as of `Cost`."""
+
+
+class Progress(NamedTuple):
+    """How far updates are judged and planned: the time, the last number, the last named period, the end of the plan."""
+
+    now: int
+    number: int
+    named: int
+    """-1 for none."""
+    sent: int
+    period: int
+    table: int
 
 
 def plan(
@@ -40,7 +70,7 @@ def plan(
     waits : int
         Period until which something waits in the processors that this may not meet.
     period : int
-        At which the change before it takes effect.
+        The period at which the change before it takes effect.
     requested : int
         The period that it names; 0 for as soon as possible.
     forward, lead : int
@@ -51,7 +81,7 @@ def plan(
     start : int
         When its first token leaves; not sooner than needed (clause CHN-029).
     period : int
-        At which it takes effect (clauses BLK-005 and BLK-007).
+        The period at which it takes effect (clauses BLK-005 and BLK-007).
     """
     start = max(ready, sent, origin + waits * CYCLES_PER_PERIOD - lead)
     reached = -((origin - start - forward) // CYCLES_PER_PERIOD)

@@ -77,25 +77,7 @@ class Identification(NamedTuple):
 
 
 class Requests:
-    """Carries out vendor requests.
-
-    Parameters
-    ----------
-    device : DeviceState
-        What STATUS tells; LIMIT changes it.
-    dispatch : Dispatch
-    machine : StateMachine
-        Is told of ENABLE and DISABLE, and owns the watchdog.
-    faults : KnownFaults
-        Clears them, and knows the processors.
-    identification : Identification
-    restart : callable
-        Starts the device anew, as at power-up.
-    revert : callable
-        Does the same, and goes back to the factory image on the way.
-    log : callable
-        Takes a line about each thing that happens.
-    """
+    """Carries out vendor requests."""
 
     def __init__(
         self,

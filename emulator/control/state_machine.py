@@ -26,18 +26,7 @@ WATCHED = (State.READY, State.PLAYING)
 
 
 class StateMachine:
-    """Follows what happens to the device.
-
-    Parameters
-    ----------
-    device : DeviceState
-        Whose state it changes.
-    dispatch : Dispatch
-    log : callable
-        Takes a line about each thing that happens.
-    status : callable
-        Says the state as doors are told it.
-    """
+    """Follows what happens to the device."""
 
     def __init__(
         self, device: DeviceState, dispatch: Dispatch, *, log: Callable[[str], None], status: Callable[[], Status]

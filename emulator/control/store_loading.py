@@ -30,20 +30,7 @@ class _Waiting(NamedTuple):
 
 
 class Loading:
-    """Loads that wait to go onto the chain.
-
-    Parameters
-    ----------
-    scheduler : Scheduler
-    time : Timebase
-    chain : Chain
-    agenda : Agenda
-        What they may not hold up.
-    settle : callable
-        Lets what is planned up to now have taken effect.
-    on_gone : callable
-        Called when the last load of a block has gone.
-    """
+    """Loads that wait to go onto the chain."""
 
     def __init__(
         self,

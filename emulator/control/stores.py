@@ -70,7 +70,8 @@ class Stores:
         for slot in {entry[0] for entry in entries if entry is not None}:
             power = self._powers[slot]
             if power is not None and power > limit:
-                raise BlockError(f"slot {slot} has a total drive of {power} thousandths, above {limit}", Reason.DRIVE)
+                told = Reason.DRIVE.with_values(drive=power / 1000, limit=limit // 1000)
+                raise BlockError(f"slot {slot}: {told}", Reason.DRIVE)
 
     def check_there(self, body: PlaySequence | AmplitudeModulation) -> None:
         """Refuse to play what was never stored (clause BLK-021)."""

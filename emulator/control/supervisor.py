@@ -48,25 +48,7 @@ class ChainSchedule(Protocol):
 
 
 class Supervisor:
-    """Watches over the processors.
-
-    Parameters
-    ----------
-    scheduler : Scheduler
-    time : Timebase
-    chain : Chain
-        Numbered; its answers are heard here from now on.
-    schedule : ChainSchedule
-        What else goes onto the chain.
-    identities : sequence of Identity
-        What the processors answered when they were numbered.
-    bank : Bank
-        Where the firmware came from.
-    on_fault : callable
-        Takes faults that appear.
-    on_miss : callable
-        Takes the number of a processor that missed a commit, or never got it.
-    """
+    """Watches over the processors."""
 
     def __init__(
         self,

@@ -12,16 +12,7 @@ __all__ = ["Watchdog"]
 
 
 class Watchdog:
-    """Watches, or rests.
-
-    Parameters
-    ----------
-    scheduler : Scheduler
-    settle : callable
-        Lets what is planned up to now take effect, which may stop the watchdog.
-    on_fire : callable
-        Is called when it fires.
-    """
+    """Watches, or rests."""
 
     def __init__(self, scheduler: Scheduler, settle: Callable[[], None], on_fire: Callable[[], None]) -> None:
         self._scheduler = scheduler

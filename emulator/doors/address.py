@@ -50,7 +50,7 @@ class EmulatorUrl:
     serial : str
         Serial number of a device that is plugged in; empty for a fresh one.
     link, speed : Link, Speed
-        For a fresh one.
+        Set-up of a fresh one.
     firmware : "model", "xs1" or Path
         Whether the processors of a fresh one are models, or execute the firmware of this package or that of a file.
     faults : Path or None

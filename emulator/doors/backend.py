@@ -70,7 +70,7 @@ class Port:
     generation : int
         The last enumerated attachment of the device, 0 before the first.
     claims : dict of int to int
-        For each claimed interface, the number of the handle.
+        The number of the handle for each claimed interface.
     """
 
     _of: ClassVar[WeakKeyDictionary[UsbDevice, Port]] = WeakKeyDictionary()
@@ -98,15 +98,7 @@ class Port:
 
 
 class Attachment:
-    """A device from its arrival on the bus until it leaves; pyusb calls this a device.
-
-    Parameters
-    ----------
-    emulator : Emulator
-        The device.
-    address : int
-        Its place on the bus.
-    """
+    """A device from its arrival on the bus until it leaves; pyusb calls this a device."""
 
     def __init__(self, emulator: Emulator, address: int) -> None:
         self.usb = emulator.usb

@@ -22,7 +22,7 @@ class DeviceTime:
     scheduler : Scheduler
         The device's time.
     pass_until : callable, optional
-        Lets time pass until a core cycle, for a door with other work meanwhile.
+        What lets time pass until a core cycle, for a door with other work meanwhile.
     """
 
     def __init__(self, scheduler: Scheduler, pass_until: Callable[[int], None] | None = None) -> None:

@@ -86,7 +86,7 @@ class Uart:
     line : callable
         Returns the device's present end: a device that restarts gets a new one, and one in DFU mode has none.
     scheduler : Scheduler
-        Its time.
+        The device's time.
     baud : int
         Bits per second, from 1 to `MOST_BAUD`.
 

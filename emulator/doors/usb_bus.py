@@ -128,7 +128,7 @@ class Transfer:
         Whether an empty packet follows if the last one sent is full; whether it is an error to receive less than the
         room.
     on_end : callable
-        Called once with the transfer and its `TransferOutcome`, unless the transfer is cancelled before.
+        A function that is called once with the transfer and its `TransferOutcome`, unless it is cancelled before.
     """
 
     endpoint: int
@@ -159,13 +159,6 @@ class Transfer:
 
 class UsbBus:
     """The bus between one host and one device, from one attachment of the device to the next.
-
-    Parameters
-    ----------
-    device : Peripheral
-        The device.
-    scheduler : Scheduler
-        Its time.
 
     Attributes
     ----------

@@ -235,7 +235,7 @@ class KernelDevice:
     device : Peripheral
         The device, attached.
     scheduler : Scheduler
-        Its time. Enumeration takes some of it.
+        The device's time. Enumeration takes some of it.
     address : int
         The address that it gets, 1 to 127.
 
@@ -256,7 +256,7 @@ class KernelDevice:
     chosen : int
         Value of the selected configuration, 0 for none; initially that of the first one.
     on_choice : callable
-        Called whenever `chosen` may have changed.
+        A function that is called whenever `chosen` may have changed.
 
     Raises
     ------
@@ -392,15 +392,7 @@ class KernelDevice:
 
 
 class UsbFile:
-    """A device's node as opened by one program.
-
-    Parameters
-    ----------
-    device : KernelDevice
-        The device.
-    on_change : callable
-        Called whenever `writable` may have changed.
-    """
+    """A device's node as opened by one program."""
 
     def __init__(self, device: KernelDevice, on_change: Callable[[], None]) -> None:
         self._device = device
@@ -442,13 +434,13 @@ class UsbFile:
         Parameters
         ----------
         request : int
-            Its number.
+            The number of the ioctl.
         argument : int
-            Its third argument, a number or an address.
+            The third argument of the call, a number or an address.
         memory : Memory
             The program's memory, valid until the reply.
         reply : callable
-            Called with the result, or with the negative errno, at once or when the request has been carried out.
+            What takes the result, or the negative errno, at once or when the request has been carried out.
         """
         call = _Call(argument, memory, reply)
         handler = self._handlers.get(request)

@@ -53,17 +53,7 @@ _SECOND_LOOK = Setup(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, DescriptorTyp
 
 @dataclass(eq=False)
 class Exported:
-    """A device that a server offers, and whether a client holds it.
-
-    Parameters
-    ----------
-    bus, number : int
-        Numbers of the bus, and of the device on it.
-    device : Peripheral
-        The device.
-    station : Station
-        Its time.
-    """
+    """A device that a server offers, and whether a client holds it."""
 
     bus: int
     number: int
@@ -78,13 +68,7 @@ class Exported:
 
 
 class UsbIpSession(UsbConversation):
-    """A conversation with one client, from its request to the end of its connection.
-
-    Parameters
-    ----------
-    exports : mapping of str to Exported
-        The devices that it may have, by their bus ids.
-    """
+    """A conversation with one client, from its request to the end of its connection."""
 
     def __init__(self, exports: Mapping[str, Exported]) -> None:
         super().__init__()

@@ -74,7 +74,7 @@ class StuckOutput(Lasting):
     ----------
     processor : int
     bit : int
-        Of its port.
+        The output of its port.
     """
 
     processor: ProcessorNumber
@@ -117,7 +117,7 @@ class OpenTransducer(InjectedFault):
     Parameters
     ----------
     transducer : int
-        In array order.
+        Its number in array order.
     """
 
     transducer: Annotated[int, Whole(0, CHANNELS - 1)]
@@ -137,7 +137,7 @@ class ClockError(Lasting):
     ----------
     board : int
     ppm : float
-        By how many millionths it runs fast, or slow if negative.
+        How many millionths it runs fast, or slow if negative.
     """
 
     board: BoardNumber
@@ -163,7 +163,7 @@ class LostSync(Lasting):
     Parameters
     ----------
     board : int, optional
-        Where; on all boards by default.
+        The board concerned; all boards by default.
     """
 
     board: BoardNumber | None = None
@@ -215,7 +215,7 @@ class WrongSupply(Lasting):
     ----------
     millivolts : int
     board : int, optional
-        Where; on all boards by default.
+        The board concerned; all boards by default.
     """
 
     millivolts: Annotated[int, Whole(0, 60_000)]

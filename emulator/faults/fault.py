@@ -74,7 +74,7 @@ class InjectedFault:
     Parameters
     ----------
     period : int, optional
-        Of the device's, counted from its last period 0; at once by default. A restart in between does not put it off.
+        The device's period, counted from its last period 0; at once by default. A restart in between does not delay it.
 
     Raises
     ------

@@ -11,13 +11,7 @@ __all__ = ["Injector"]
 
 
 class Injector:
-    """Lets faults begin and end in time, and brings them about again whenever the boards start anew.
-
-    Parameters
-    ----------
-    device : FaultTarget
-        With which something is wrong.
-    """
+    """Lets faults begin and end in time, and brings them about again whenever the boards start anew."""
 
     def __init__(self, device: FaultTarget) -> None:
         self._device = device

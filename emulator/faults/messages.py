@@ -43,9 +43,9 @@ class DamagedMessage(InjectedFault):
     Parameters
     ----------
     message : str
-        Of which kind: slice, commit, load, program, collect, number, report, playing or identity.
+        The kind of message: slice, commit, load, program, collect, number, report, playing or identity.
     processor : int, optional
-        To which processor they go, or from which they come; whichever by default.
+        The processor to which they go, or from which they come; any by default.
     token : int
         Which of its tokens, counted from 0: three of the route header, the payload, END. By default the first after
         the header. That of an answer cannot be damaged: where else it would lead the model does not know.
@@ -129,7 +129,7 @@ class FlippedBit(DamagedMessage):
     Parameters
     ----------
     bit : int
-        Of the token.
+        The bit of the token.
     """
 
     bit: ByteBit = 0
@@ -152,7 +152,7 @@ class SlowLink(Lasting):
     link : int
         Link n leads to processor n.
     cycles_per_symbol, token_delay : int
-        As of `protocol.timing.Link`, in core cycles.
+        The fields of `protocol.timing.Link`, in core cycles.
     """
 
     link: ProcessorNumber

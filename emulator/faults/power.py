@@ -38,7 +38,7 @@ class PowerCutInWrite(InjectedFault):
     written_bytes : int
         How many more bytes are programmed or, with their sector, erased; it is the next one that is cut short.
     off_periods : int, optional
-        Until the power comes back; for good by default.
+        Periods until the power comes back; for good by default.
     """
 
     written_bytes: Annotated[int, Whole(0)]
@@ -73,7 +73,7 @@ class FailingSector(Lasting):
     Parameters
     ----------
     sector : int
-        Of 4096 bytes.
+        Number of the sector of 4096 bytes.
     """
 
     sector: Annotated[int, Whole(0, FLASH_BYTES // FLASH_SECTOR_BYTES - 1)]
@@ -96,7 +96,7 @@ class FailingPage(Lasting):
     Parameters
     ----------
     page : int
-        Of 256 bytes.
+        Number of the page of 256 bytes.
     """
 
     page: Annotated[int, Whole(0, FLASH_BYTES // PAGE_BYTES - 1)]
@@ -119,9 +119,9 @@ class StuckFlashBit(Lasting):
     Parameters
     ----------
     address : int
-        Of its byte.
+        Address of its byte.
     bit : int
-        Of the byte.
+        Number of the bit in the byte.
     value : int
         What it reads.
     """

@@ -21,7 +21,7 @@ class FlippedUsbBit(InjectedFault):
     Parameters
     ----------
     endpoint : int
-        Its address: 1 and 129 carry blocks and records, 3 and 131 the console.
+        The endpoint's address: 1 and 129 carry blocks and records, 3 and 131 the console.
     byte, bit : int
         Where in the packet; shorter ones pass unharmed and do not count.
     times : int
@@ -47,7 +47,7 @@ class StalledEndpoint(InjectedFault):
     Parameters
     ----------
     endpoint : int
-        Its address: 1 and 129 carry blocks and records, 3 and 131 the console.
+        The endpoint's address: 1 and 129 carry blocks and records, 3 and 131 the console.
     """
 
     endpoint: Annotated[int, OneOf((ENDPOINT_OUT, ENDPOINT_IN, CONSOLE_ENDPOINT_OUT, CONSOLE_ENDPOINT_IN))]

@@ -81,13 +81,13 @@ class DfuMode:
     Parameters
     ----------
     scheduler : Scheduler
-        Whose time the flash counts, too.
+        The clock of the device and of its flash.
     flash : Flash
-        With power.
+        The flash, with power.
     running : Bank
         Where the firmware came from that ran until now; it is not touched.
     keys : sequence of Ed25519PublicKey
-        Who may sign images; without any, anybody, and nobody needs to (clause FWU-012).
+        Keys that may sign images; without any, an image need not be signed (clause FWU-012).
 
     Attributes
     ----------

@@ -47,13 +47,13 @@ class Defects:
     Parameters
     ----------
     write_protected : bool
-        It takes no command that changes anything.
+        Whether it takes no command that changes anything.
     failing_sectors : set of int
         Sectors, from 0, that stay as they are when they are erased; the flash says so.
     failing_pages : set of int
         Pages, from 0, that stay as they are when they are programmed; the flash says so.
     stuck_at_0, stuck_at_1 : dict of int to int
-        For an address, the bits that always read so, as a mask. The flash does not notice.
+        Masks, by address, of the bits that always read so. The flash does not notice.
     """
 
     write_protected: bool = False
@@ -103,7 +103,7 @@ class Flash:
     failed : bool
         Whether the flash says that the last operation failed; it is known when that is over.
     on_change : callable or None
-        Is told the address of each operation that has changed something, when it is over or its power is cut.
+        What is told the address of each operation that has changed something, when it is over or its power is cut.
 
     Raises
     ------

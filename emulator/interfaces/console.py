@@ -61,7 +61,7 @@ class Shown(NamedTuple):
     Parameters
     ----------
     text : bytes
-        For the terminal.
+        The text for the terminal.
     then : callable or None
         What remains to be carried out once the text is sent (clause CON-004); nothing typed after it was read. The
         device may refuse by `Stall` if its state has changed since.
@@ -75,17 +75,7 @@ class Shown(NamedTuple):
 
 
 class Console:
-    """The console of one serial line.
-
-    Parameters
-    ----------
-    controller : ConsoleController
-        What carries out the commands.
-    door : Door
-        What the commands come by.
-    detach : callable
-        Takes the device to DFU mode, as the request DETACH does.
-    """
+    """The console of one serial line."""
 
     def __init__(self, controller: ConsoleController, door: Door, detach: Callable[[], None]) -> None:
         self._controller = controller
@@ -161,7 +151,7 @@ class Console:
             self._controller.test_transducer(transducer, self._door)
         except BlockError as error:
             reason = Reason(error.reason)
-            raise _refused(f"{reason.name}: {reason.text}") from error
+            raise _refused(f"{reason.name}: {error}") from error
 
     def _ask(self, command: Command) -> Fields:
         try:

@@ -135,9 +135,9 @@ class SerialLine(Door):
     controller : LineController
         What stands behind the line; it notifies the line from now on.
     detach : callable
-        Takes the device to DFU mode, as the request DETACH does, for a door that it is given; it may raise `Stall`.
+        What takes the device to DFU mode, as the request DETACH does, for a door; it may raise `Stall`.
     on_output : callable
-        Called whenever there are bytes to `take`.
+        A function that is called whenever there are bytes to `take`.
     needs_dtr : bool
         Whether text is sent only between `open` and `hang_up`, as on CDC-ACM (clause USB-023).
     """

@@ -101,11 +101,11 @@ class UsbDevice:
     speed : Speed
         Speed of the bus: `HIGH_SPEED` or `FULL_SPEED` (clause USB-010).
     enter_dfu : callable
-        Ends run-time mode and gives what answers in DFU mode; called when the device leaves the bus after DETACH.
+        What ends run-time mode and gives what answers in DFU mode; called when the device leaves the bus after DETACH.
     restart : callable
         Boots the device; called when a bus reset ends DFU mode, after the device has left the bus (clause DFU-015).
     tracer : Tracer
-        Is told when blocks come.
+        What is told when blocks come.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class UsbDevice:
     enumeration : Enumeration
         The descriptors.
     address : int
-        As SET_ADDRESS gave it, 0 after a bus reset.
+        The address that SET_ADDRESS gave, 0 after a bus reset.
     configuration : int
         1, or 0 while the device is not configured.
     suspended : bool
@@ -189,7 +189,7 @@ class UsbDevice:
         line : ConsoleLine
             What stands behind the console.
         version : (int, int, int)
-            Of the firmware that runs.
+            Version of the firmware that runs.
         """
         self.disconnect()
         array = ArrayFunction(self._scheduler, controller, self.speed.bulk_bytes, self._tracer)

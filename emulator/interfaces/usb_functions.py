@@ -191,19 +191,7 @@ class UsbController(Protocol):
 
 
 class ArrayFunction(UsbFunction, Door):
-    """Interface 0: blocks come by 01 OUT, records go by 81 IN, and vendor requests are the controller's.
-
-    Parameters
-    ----------
-    scheduler : Scheduler
-        The clock of the machine.
-    controller : UsbController
-        Judges the blocks; from now on it notifies this door.
-    packet_bytes : int
-        Largest packet of both endpoints.
-    tracer : Tracer
-        Is told when packets come.
-    """
+    """Interface 0: blocks come by 01 OUT, records go by 81 IN, and vendor requests are the controller's."""
 
     def __init__(self, scheduler: Scheduler, controller: UsbController, packet_bytes: int, tracer: Tracer) -> None:
         self._scheduler = scheduler
@@ -350,15 +338,7 @@ class ConsoleLine(Protocol):
 
 
 class ConsoleFunction(UsbFunction):
-    """Interfaces 1 and 2: a serial line as CDC-ACM (clauses USB-023 and SER-001).
-
-    Parameters
-    ----------
-    line : ConsoleLine
-        What travels over it.
-    packet_bytes : int
-        Largest packet of both data endpoints.
-    """
+    """Interfaces 1 and 2: a serial line as CDC-ACM (clauses USB-023 and SER-001)."""
 
     def __init__(self, line: ConsoleLine, packet_bytes: int) -> None:
         self._line = line
@@ -410,19 +390,7 @@ class ConsoleFunction(UsbFunction):
 
 
 class DfuRunTimeFunction(UsbFunction):
-    """Interface 3 at run time: the way into DFU mode (clauses USB-024 and DFU-002).
-
-    Parameters
-    ----------
-    scheduler : Scheduler
-        The clock of the machine.
-    controller : UsbController
-        Turns the outputs off before the device leaves.
-    door : Door
-        What else of this bus the controller knows: a DETACH that comes by the bus comes by this door.
-    leave : callable
-        Has the device leave the bus, to come back in DFU mode.
-    """
+    """Interface 3 at run time: the way into DFU mode (clauses USB-024 and DFU-002)."""
 
     def __init__(self, scheduler: Scheduler, controller: UsbController, door: Door, leave: Callable[[], None]) -> None:
         self._scheduler = scheduler
@@ -476,15 +444,7 @@ class FirmwareUpgrade(Protocol):
 
 
 class DfuModeFunction(UsbFunction):
-    """Interface 0 in DFU mode (chapter DFU).
-
-    Parameters
-    ----------
-    upgrade : FirmwareUpgrade
-        Takes and gives images.
-    boot : callable
-        Restarts the device with the image that boots next.
-    """
+    """Interface 0 in DFU mode (chapter DFU)."""
 
     def __init__(self, upgrade: FirmwareUpgrade, boot: Callable[[], None]) -> None:
         self._upgrade = upgrade

@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...protocol.board import TICK_HZ, TICKS_PER_PERIOD
+from ...protocol.codes import SUPPLY_RANGE_MV
 
 __all__ = ["FULL_DRIVE_V", "NOMINAL_SUPPLY_V", "Amplifier"]
 
 NOMINAL_SUPPLY_V = 15.0
 FULL_DRIVE_V = NOMINAL_SUPPLY_V * 2 / math.pi
 """Peak fundamental, in volts, of the widest pulse at the nominal supply: a drive of magnitude 1."""
-SUPPLIES_V = (12.0, 18.0)
+SUPPLIES_V = (SUPPLY_RANGE_MV[0] / 1000, SUPPLY_RANGE_MV[-1] / 1000)
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Amplifier:
         Returns
         -------
         (t, ...) float
-            In volts.
+            The voltage, V.
         """
         now = np.asarray(levels, dtype=np.intp)
         earlier = np.concatenate([np.broadcast_to(np.asarray(before, dtype=np.intp), now[:1].shape), now[:-1]])

@@ -127,7 +127,7 @@ class Capture(Drawable):
         Parameters
         ----------
         ax : matplotlib axes, optional
-            To draw onto; by default those of a new figure of pyplot.
+            The axes to draw onto; by default those of a new figure of pyplot.
         start, stop : int, optional
             Ticks since period 0, by default the last `DRAWN_PERIODS` that were captured.
         outputs : sequence of int, optional
@@ -181,7 +181,7 @@ class Capture(Drawable):
         Parameters
         ----------
         ax : matplotlib axes, optional
-            To draw onto; by default those of a new figure of pyplot.
+            The axes to draw onto; by default those of a new figure of pyplot.
         output : int
             The output channel.
         periods : int, optional
@@ -279,13 +279,13 @@ class Capture(Drawable):
         first, last : int
             Carrier periods; last is not included.
         dtype : complex type
-            Of the result.
+            Type of the result.
 
         Returns
         -------
         (last - first, 320) complex
-            In array order; the continuous-time fundamental of each square wave (not a sum over samples, which would be
-            half a tick off), where the widest pulse (25 ticks) has magnitude 1.
+            Drives in array order: the continuous-time fundamental of each square wave (not a sum over samples, which
+            would be half a tick off), where the widest pulse (25 ticks) has magnitude 1.
 
         Raises
         ------

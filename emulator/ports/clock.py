@@ -27,13 +27,7 @@ BILLION = 10**9
 
 @dataclass(frozen=True)
 class Timebase:
-    """The periods of a device.
-
-    Parameters
-    ----------
-    origin : int
-        Core cycle at which period 0 began.
-    """
+    """The periods of a device."""
 
     origin: int
 
@@ -55,13 +49,7 @@ class Timebase:
 
 
 class BoardClock:
-    """The ticks of one board against those of the device: a straight line with a bend wherever its rate was changed.
-
-    Parameters
-    ----------
-    offset_ticks : int
-        How many ticks it runs late from the start.
-    """
+    """The ticks of one board against those of the device: a straight line with a bend wherever its rate was changed."""
 
     def __init__(self, offset_ticks: int = 0) -> None:
         self._bends = [(0, -offset_ticks, 0)]  # from a tick of the device on: the board's tick there, and its rate

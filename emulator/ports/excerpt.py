@@ -156,8 +156,8 @@ def edges(capture: PortBits, channel: int, start: int, stop: int) -> tuple[NDArr
     Returns
     -------
     ticks : (e,) int
-        At which the output changes, against the tick before. Before tick 0 it is low, so that the edges of stretches
-        that follow each other are together those of the whole.
+        The ticks at which the output changes, against the tick before. Before tick 0 it is low, so that the edges of
+        stretches that follow each other are together those of the whole.
     levels : (e,) uint8
         0 or 1, from that tick on.
 

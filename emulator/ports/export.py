@@ -38,7 +38,7 @@ def chosen_channels(text: str, wiring: Wiring) -> list[int]:
         Boards (``b0``), processors (``b2p1``), outputs (``b4p0_07``) and transducers by their place in array order
         (``t160``), with commas between.
     wiring : Wiring
-        Which output a transducer is driven by.
+        The table of the output that drives each transducer.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def export(
     capture : PortBits
         What was captured.
     path : str or Path
-        Ends in .vcd (GTKWave) or .sr (sigrok).
+        The file, whose name ends in .vcd (GTKWave) or .sr (sigrok).
     channels : sequence of int, optional
         The outputs, in this order; all by default.
     ticks : (start, stop), optional

@@ -181,9 +181,9 @@ class History:
         slots : sequence of bytes
             Packed pulses, 48 bytes each.
         entries : (e,) int
-            Which of these each entry plays.
+            The place in these of what each entry plays.
         periods : (e,) int
-            For how long.
+            The duration of each entry, in periods.
         repeats : int
             Times that all of it is played, 0 for without end.
         """

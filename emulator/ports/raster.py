@@ -59,15 +59,15 @@ def expand(slices: Any, rows: Any, samples: Any, widths: Any, words: Any) -> Non
     Parameters
     ----------
     slices : tuple of (s, 48) uint8
-        For each processor, packed pulses.
+        Packed pulses of each processor.
     rows : (10, n) int64
-        For each period, which of them it plays.
+        The place in these of what each period plays.
     samples : (10, n) uint8
-        For each period, the modulation sample that applies; 255 leaves pulses as they are.
+        The modulation sample that applies in each period; 255 leaves pulses as they are.
     widths : (256, 26) uint8
         The width that each width gets under each sample.
     words : (50 n, 10) uint32
-        Written.
+        The result, written here.
     """
     table = np.empty((TICKS_PER_PERIOD, len(slices)), np.uint32)
     edges = np.empty(TICKS_PER_PERIOD + MAX_WIDTH_TICKS, np.uint32)
@@ -86,13 +86,13 @@ def emit(slices: Any, rows: Any, samples: Any, widths: Any, drive: Any, columns:
     Parameters
     ----------
     slices, rows, samples, widths
-        As of `expand`.
+        The arguments of `expand`.
     drive : (100, 26) complex
-        Of a pulse of each phase and width.
+        The drive of a pulse of each phase and width.
     columns : (10, 32) int64
         Column of `drives` for each bit.
     drives : (n, 320) complex
-        Written.
+        The result, written here.
     """
     for period in range(rows.shape[1]):
         if period:

@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 from ...base.errors import DeviceRefusedError
 from ...protocol.board import TICK_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import (
+    CLEARED_BELOW_C,
     COLLECT_MS,
     COLLECTIONS_MISSED,
     NOW,
+    PROMISED_PERIODS,
     PROTOCOL_VERSION,
     SILENCING_FAULTS,
     SYNC_PERIODS,
+    TEMPERATURE_LIMIT_C,
     Bank,
     Fault,
     Feature,
@@ -38,8 +41,6 @@ from .findings import CLEAR_FAULTS, FLASH, RESET, Judgement, fail, listed, ok, s
 
 __all__ = ["DEVICE_CHECKS", "QUIET_CHECKS", "as_found"]
 
-HOT_C, TOO_HOT_C = 80, 85
-"""Above the first a TEMPERATURE fault cannot be cleared, above the second it appears (clauses REQ-011 and SAF-008)."""
 CRYSTAL_PPM, BROKEN_PPM = 100, 1000
 """What a cheap crystal may be off, and what none is."""
 CLOCK_SECONDS = 1.2
@@ -51,8 +52,6 @@ ASKING_SECONDS = 0.3
 AHEAD_SECONDS = (0.1, 0.4, 1.6)
 """How far ahead the test patterns are named, one attempt after the other: a serial line of 115 200 baud needs half of
 the first for one, a computer that is busy more."""
-PROMISED_PERIODS = 5
-"""A change that names this period after the one in which its block arrived is in time (clause BLK-005)."""
 PATIENT_WATCHDOG_SECONDS = 2.0
 TRIED_BLOCKS = 20
 HELD_UP = "this computer or the line is too slow for this check: close what keeps it busy, and run the doctor again"
@@ -337,10 +336,10 @@ def _temperature(device: Device) -> Judgement:
     }
     where = f" on board {max(boards, key=boards.__getitem__)}" if boards else ""
     seen = f"{status.temperature_c} °C at most{where}"
-    if status.temperature_c > TOO_HOT_C:
+    if status.temperature_c > TEMPERATURE_LIMIT_C:
         return fail(seen, _FAULTS[Fault.TEMPERATURE].advice)
-    if status.temperature_c > HOT_C:
-        return warn(seen, f"above {TOO_HOT_C} °C the outputs go off: let it cool, or blow air at it")
+    if status.temperature_c > CLEARED_BELOW_C:
+        return warn(seen, f"above {TEMPERATURE_LIMIT_C} °C the outputs go off: let it cool, or blow air at it")
     return ok(seen)
 
 
@@ -399,8 +398,8 @@ _FAULTS: Mapping[Fault, Meaning] = {
         f"check the sync line and the oscillator's cable to each board, then `{RESET}`",
     ),
     Fault.TEMPERATURE: Meaning(
-        f"a board is or was above {TOO_HOT_C} °C, so the outputs are off",
-        f"let it cool below {HOT_C} °C and blow air at it, then `{CLEAR_FAULTS}`",
+        f"a board is or was above {TEMPERATURE_LIMIT_C} °C, so the outputs are off",
+        f"let it cool below {CLEARED_BELOW_C} °C and blow air at it, then `{CLEAR_FAULTS}`",
     ),
     Fault.SUPPLY: Meaning(
         "the amplifiers' supply is or was outside 12 to 18 V, so the outputs are off",

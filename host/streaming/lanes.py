@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...base.errors import DeviceError
 from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
-from ...protocol.codes import AckFlag, Fault, Reason
+from ...protocol.codes import PROMISED_PERIODS, AckFlag, Fault, Reason
 from ...protocol.quantise import PulseFrames
 from ...protocol.replies import Status
 from ...protocol.updates import pack_updates
@@ -26,8 +26,8 @@ from .session import Session
 
 __all__ = ["LANE_COUNTS", "NEVER", "Lane", "naming", "unchanged"]
 
-LEAST_LEAD_PERIODS = 6
-"""A change five periods after its arrival is in time (clause BLK-005); one more for the transfer."""
+LEAST_LEAD_PERIODS = PROMISED_PERIODS + 1
+"""One more for the transfer."""
 ASTRAY_PPM, MOST_ASTRAY = 500_000, 8
 """A clock that seems to run at half the host's rate or less, or at one and a half times it, in so many consecutive
 readings, 2 s, cannot time frames. A device that is only delayed catches up sooner."""

@@ -25,7 +25,7 @@ from ...base.errors import (
     DeviceVersionError,
     ReplyError,
 )
-from ...protocol.blocks import Block, Body, NoOp, pack
+from ...protocol.blocks import Block, Body, NoOp, Slot, Update, pack
 from ...protocol.codes import BLOCK_BYTES, PROTOCOL_VERSION, AckFlag, Reason, Request, State
 from ...protocol.plain import flag_names
 from ...protocol.replies import ANSWER_BYTES, Ack, Info, Status, decode_acks, records
@@ -302,7 +302,7 @@ class Session:
             self._number = (number + 1) % NUMBERS
             if ack.reason is Reason.SEQUENCE and lost:  # the first of the two had arrived
                 return Ack(Reason.ACCEPTED, number, 0, ack.now, AckFlag(0), ack.free, ack.state)
-            self.check(ack)
+            self.check(ack, body)
             return ack
         self._number = (number + 1) % NUMBERS
         raise DeviceTimeoutError(
@@ -314,12 +314,15 @@ class Session:
         if not self.status().enabled:
             self._say_disabled()
 
-    def check(self, ack: Ack) -> None:
-        """Raise `DeviceRefusedError` for the acknowledgement of a refused block."""
+    def check(self, ack: Ack, body: Body | None = None) -> None:
+        """Raise `DeviceRefusedError` for the acknowledgement of a refused block, whose body is given if it is known."""
         if ack.reason in (Reason.DISABLED, Reason.FAULT):
             self._say_disabled()
         if ack.reason is not Reason.ACCEPTED:
-            raise DeviceRefusedError(f"{self.name} refuses block {ack.sequence}: {ack.reason.text}", ack.reason)
+            why = ack.reason.text
+            if ack.reason is Reason.DRIVE and isinstance(body, Update | Slot):
+                why = ack.reason.with_values(drive=body.pulses.total_drive / 1000, limit=self.status().drive_limit)
+            raise DeviceRefusedError(f"{self.name} refuses block {ack.sequence}: {why}", ack.reason)
 
     def _say_disabled(self) -> NoReturn:
         """Raise a `DeviceRefusedError` with the reason why the outputs are off."""

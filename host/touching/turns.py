@@ -41,12 +41,11 @@ from ..streaming.clock import DeviceClock, Reading
 from ..streaming.cycles import split_steps
 from ..streaming.device import Device
 from ..streaming.envelopes import sine
+from ..streaming.lanes import LEAST_LEAD_PERIODS
 from .fields import PulseCycle
 
 __all__ = ["Alternation", "StoredTurns", "StreamedTurns", "Turns", "turns_for"]
 
-LEAST_LEAD_PERIODS = 6
-"""A change for the fifth period after its arrival is in time (clause BLK-005); one more for the way there."""
 RESERVE_PERIODS = 14
 """0.35 ms, by which this program may be late for a boundary: a computer needs as long to wake up."""
 FIRST_READINGS = 8

@@ -47,9 +47,9 @@ def describe_request(setup: bytes, data: bytes | None = None, *, stalled: bool =
     Parameters
     ----------
     setup : bytes
-        Its setup stage.
+        The setup stage.
     data : bytes or None
-        Its data stage, in whichever direction; None if it is not known.
+        The data stage, in whichever direction; None if it is not known.
     stalled : bool
         Whether the device answered STALL.
     """

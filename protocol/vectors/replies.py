@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from dataclasses import replace
 
-from ..board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
+from ..board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD, WATCHDOG_MS
 from ..codes import AckFlag, Bank, Fault, Feature, Reason, State, StatusFlag
 from ..plain import plain
 from ..replies import (
@@ -57,7 +57,7 @@ STATUS = Status(
     damaged_messages=0,
     free=8,
     temperature_c=31,
-    watchdog_ms=100,
+    watchdog_ms=WATCHDOG_MS,
     drive_limit=CHANNELS,
     dropped_frames=0,
 )
@@ -86,7 +86,7 @@ INFO = Info(
     sequence_entries=1024,
     modulation_samples=4096,
     drive_limit=CHANNELS,
-    watchdog_ms=100,
+    watchdog_ms=WATCHDOG_MS,
 )
 REPORT = ProcessorReport(Fault(0), 31, Bank.A, 0, 0, (1, 2, 3))
 WORST = ProcessorReport(Fault(0b111_1111), -128, Bank.FACTORY, U32_MAX, U32_MAX, (99, 9, 9))

@@ -82,6 +82,11 @@ class Bench:
         return self.status()
 
 
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
 def error(status: DfuStatus) -> DfuReply:
     return DfuReply(status, 0, DfuState.ERROR, 0)
 
@@ -107,8 +112,7 @@ def in_busy(bench: Bench) -> None:
 # Time
 
 
-def test_the_busy_state_ends_on_the_cycle_and_not_later() -> None:
-    bench = Bench()
+def test_the_busy_state_ends_on_the_cycle_and_not_later(bench: Bench) -> None:
     bench.out(DNLOAD, 0, BLOCKS[0])
     bench.wait(20)
     assert bench.status().poll_ms == 128
@@ -118,9 +122,8 @@ def test_the_busy_state_ends_on_the_cycle_and_not_later() -> None:
     assert bench.quietly() is DfuState.DNLOAD_SYNC
 
 
-def test_a_slow_flash_is_waited_for() -> None:
+def test_a_slow_flash_is_waited_for(bench: Bench) -> None:
     """Two sectors of 400 ms and eight pages of 3 ms: 824 ms, which is seven times 128."""
-    bench = Bench()
     bench.flash.times = FlashTimes(erase_ms=400, program_ms=3)
     bench.out(DNLOAD, 0, BLOCKS[0])
     assert bench.poll() == [("DNBUSY", 128)] * 7 + [("DNLOAD_IDLE", 0)]
@@ -129,8 +132,7 @@ def test_a_slow_flash_is_waited_for() -> None:
 @pytest.mark.parametrize(
     ("times", "status"), [(FlashTimes(erase_ms=10_001), DfuStatus.ERASE), (FlashTimes(program_ms=2000), DfuStatus.PROG)]
 )
-def test_flash_work_fails_after_ten_seconds(times: FlashTimes, status: DfuStatus) -> None:
-    bench = Bench()
+def test_flash_work_fails_after_ten_seconds(bench: Bench, times: FlashTimes, status: DfuStatus) -> None:
     bench.flash.times = times
     bench.out(DNLOAD, 0, BLOCKS[0])
     bench.scheduler.run_until(10_000 * MS - 1)
@@ -139,8 +141,7 @@ def test_flash_work_fails_after_ten_seconds(times: FlashTimes, status: DfuStatus
     assert bench.status() == error(status)
 
 
-def test_the_time_out_of_an_earlier_block_does_not_count() -> None:
-    bench = Bench()
+def test_the_time_out_of_an_earlier_block_does_not_count(bench: Bench) -> None:
     in_busy(bench)
     bench.refuses(bench.state)
     bench.out(CLRSTATUS)
@@ -155,8 +156,7 @@ def test_the_time_out_of_an_earlier_block_does_not_count() -> None:
 # Flash that fails
 
 
-def test_a_failure_is_seen_while_the_device_is_busy() -> None:
-    bench = Bench()
+def test_a_failure_is_seen_while_the_device_is_busy(bench: Bench) -> None:
     bench.flash.defects.failing_sectors.add(0x200)
     in_busy(bench)
     bench.wait(59)
@@ -167,8 +167,7 @@ def test_a_failure_is_seen_while_the_device_is_busy() -> None:
     assert bench.status() == error(DfuStatus.ERASE)
 
 
-def test_a_sector_that_is_not_erased_is_no_place_for_a_block() -> None:
-    bench = Bench()
+def test_a_sector_that_is_not_erased_is_no_place_for_a_block(bench: Bench) -> None:
     bench.flash.defects.stuck_at_0[IMAGE_A + 1000] = 1
     in_busy(bench)
     bench.wait(128)
@@ -176,9 +175,8 @@ def test_a_sector_that_is_not_erased_is_no_place_for_a_block() -> None:
     assert boot(bench.flash).image == FACTORY
 
 
-def test_a_download_waits_for_the_flash() -> None:
+def test_a_download_waits_for_the_flash(bench: Bench) -> None:
     """The flash goes on with the first sector after an error; the next download waits for it: 350 + 800 + 24 ms."""
-    bench = Bench()
     bench.flash.times = FlashTimes(erase_ms=400, program_ms=3)
     in_busy(bench)
     bench.wait(50)
@@ -196,8 +194,7 @@ def test_a_download_waits_for_the_flash() -> None:
 # Resets: clause DFU-015
 
 
-def test_a_reset_lets_the_flash_finish_and_starts_no_more_work() -> None:
-    bench = Bench()
+def test_a_reset_lets_the_flash_finish_and_starts_no_more_work(bench: Bench) -> None:
     in_busy(bench)
     bench.wait(10)
     assert bench.dfu.bus_reset(configured=True)

@@ -16,7 +16,8 @@ from phasewire.emulator.faults import FAULTS, InjectedFault
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.protocol import Block, Entries, Entry, PlaySequence, Reason, Slot, State, Update, pack
 from phasewire.protocol.blocks import AmplitudeModulation, NoOp, Samples
-from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, Request
+from phasewire.protocol.board import WATCHDOG_MS
+from phasewire.protocol.codes import COLLECT_MS, DEAF_MS, Bank, DfuState, DfuStatus, Fault, Request
 from phasewire.protocol.dfu import DfuReply
 from phasewire.protocol.replies import ReadBack
 from phasewire.protocol.requests import Setup
@@ -25,10 +26,6 @@ from tests.emulator.fault_bench import HALF, MS, PLAYS, Bench, playing
 from tests.emulator.hosts import FULL, PERIODS_PER_MS
 
 CHAIN_BROKEN = Fault.CHAIN | Fault.PROCESSOR
-WATCHDOG_MS = 100
-DEAF_MS = 50
-ROUND_MS = 10
-"""In which every processor is asked once."""
 
 ONE_OF_EACH: dict[str, InjectedFault] = {
     "lost token": faults.LostToken(message="slice", processor=3),
@@ -98,7 +95,12 @@ SILENCE_CANNOT_ARRIVE = {"lost commits", "slow link", "first link slow", "slow p
 
 
 def silent_within_ms(name: str) -> int:
-    return WATCHDOG_MS + DEAF_MS + (ROUND_MS if name in SILENCE_CANNOT_ARRIVE else 0)
+    return WATCHDOG_MS + DEAF_MS + (COLLECT_MS if name in SILENCE_CANNOT_ARRIVE else 0)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return playing()
 
 
 def outputs_that_stick(fault: InjectedFault) -> np.ndarray:
@@ -135,9 +137,8 @@ def test_outputs_do_not_stay_on_without_a_host(name: str, what: str) -> None:
 # Damaged messages
 
 
-def test_a_message_without_a_receiver_blocks_the_chain() -> None:
+def test_a_message_without_a_receiver_blocks_the_chain(bench: Bench) -> None:
     """Node 0003 without its first token is 0301, beyond the end of the chain (clauses CHN-021, CHN-023 and CHN-025)."""
-    bench = playing()
     bench.emulator.inject(faults.LostToken(message="slice", processor=3, token=0))
     bench.send(Update(HALF))
     bench.run_ms(2)
@@ -166,23 +167,21 @@ def restart(bench: Bench) -> None:
     bench.configure()
 
 
-def test_a_processor_that_was_given_up_is_asked_again_once_it_plays() -> None:
-    bench = playing()
+def test_a_processor_that_was_given_up_is_asked_again_once_it_plays(bench: Bench) -> None:
     bench.emulator.inject(faults.LostToken(message="slice", processor=8))
     bench.order(Request.DISABLE)
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     bench.order(Request.CLEAR_FAULTS)
     bench.order(Request.ENABLE)
     bench.play("update")
     for _ in range(10):
-        bench.run_ms(ROUND_MS)
+        bench.run_ms(COLLECT_MS)
         assert bench.status().faults == Fault(0)
     assert bench.loud_now() == [25] * 10
 
 
-def test_a_stop_that_is_lost_is_sent_again_too() -> None:
+def test_a_stop_that_is_lost_is_sent_again_too(bench: Bench) -> None:
     """Otherwise the modulation of processor 2 would go on, silently, and affect the next update."""
-    bench = playing()
     bench.send(Samples(bytes([128]), 0))
     bench.send(AmplitudeModulation(first=0, count=1, hold=1))
     bench.run_ms(1)
@@ -191,7 +190,7 @@ def test_a_stop_that_is_lost_is_sent_again_too() -> None:
         faults.LostToken(message="slice", processor=2), faults.LostToken(message="program", processor=2)
     )
     bench.order(Request.DISABLE)
-    bench.run_ms(2 * ROUND_MS)
+    bench.run_ms(2 * COLLECT_MS)
     bench.order(Request.ENABLE)
     bench.play("update")
     assert bench.loud_now() == [25] * 10
@@ -200,12 +199,11 @@ def test_a_stop_that_is_lost_is_sent_again_too() -> None:
 # Links
 
 
-def test_commits_over_a_slow_link_come_too_late() -> None:
+def test_commits_over_a_slow_link_come_too_late(bench: Bench) -> None:
     """The slice for processor 9 fills the buffers back to link 3; later messages are late too (clause CHN-020)."""
-    bench = playing()
     bench.emulator.inject(faults.SlowLink(link=9, cycles_per_symbol=200))
     ack = bench.send(Update(HALF))
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     assert bench.loud_now() == [9] * 3 + [25] * 7
     assert (bench.status().faults, bench.status().missed_commits) == (Fault.CHAIN, 7)
     read = ReadBack.decode(bench.emulator.usb.control(Setup(0xC1, Request.PULSES, 0, 0, 496)))
@@ -213,8 +211,7 @@ def test_commits_over_a_slow_link_come_too_late() -> None:
     assert ack.commit_period < read.read_period
 
 
-def test_a_link_that_is_fast_again_carries_updates() -> None:
-    bench = playing()
+def test_a_link_that_is_fast_again_carries_updates(bench: Bench) -> None:
     bench.emulator.inject(faults.SlowLink(link=9, cycles_per_symbol=200, periods=400))
     bench.emulator.run(400)
     bench.send(Update(HALF))
@@ -233,9 +230,8 @@ def test_a_link_that_is_fast_again_carries_updates() -> None:
         (faults.DeadBoard(board=2), {4, 5}),
     ],
 )
-def test_a_dead_part_is_low_at_once_and_found_within_30_ms(fault: InjectedFault, dead: set[int]) -> None:
+def test_a_dead_part_is_low_at_once_and_found_within_30_ms(bench: Bench, fault: InjectedFault, dead: set[int]) -> None:
     """Two questions without an answer (clause CHN-017), or a message that cannot leave (CHN-021)."""
-    bench = playing()
     bench.emulator.run_until(bench.period + 1)
     bench.emulator.scheduler.run_until(bench.emulator.scheduler.now + 200 * 5)
     at = bench.emulator.running.now_tick
@@ -243,7 +239,7 @@ def test_a_dead_part_is_low_at_once_and_found_within_30_ms(fault: InjectedFault,
     bench.emulator.run(2)
     words = bench.emulator.capture().bits(at - 5, at + 20)
     assert [words[:5, place].all() and not words[5:, place].any() for place in sorted(dead)] == [True] * len(dead)
-    bench.run_ms(3 * ROUND_MS)
+    bench.run_ms(3 * COLLECT_MS)
     assert bench.status().state is State.FAULT
     assert Fault.PROCESSOR in bench.status().faults
     bench.run_ms(DEAF_MS)
@@ -252,8 +248,7 @@ def test_a_dead_part_is_low_at_once_and_found_within_30_ms(fault: InjectedFault,
     assert Fault.PROCESSOR in bench.status().faults
 
 
-def test_a_stuck_output_is_not_reported() -> None:
-    bench = playing()
+def test_a_stuck_output_is_not_reported(bench: Bench) -> None:
     bench.emulator.inject(faults.StuckHigh(processor=5, bit=7), faults.StuckLow(processor=5, bit=31))
     period = bench.period
     bench.emulator.run_until(period + 10)
@@ -268,8 +263,7 @@ def test_a_stuck_output_is_not_reported() -> None:
     assert bench.loud(0, 3) == [0] * 5 + [150] + [0] * 4
 
 
-def test_an_output_that_two_faults_hold_is_free_after_both_end() -> None:
-    bench = playing()
+def test_an_output_that_two_faults_hold_is_free_after_both_end(bench: Bench) -> None:
     stuck = faults.StuckHigh(processor=0, bit=0, periods=10)
     bench.emulator.inject(stuck, faults.StuckHigh(processor=0, bit=0, periods=20))
     bench.order(Request.DISABLE)
@@ -280,8 +274,7 @@ def test_an_output_that_two_faults_hold_is_free_after_both_end() -> None:
     assert not high[1050:].any()
 
 
-def test_an_open_transducer_emits_nothing_from_its_period_on() -> None:
-    bench = playing()
+def test_an_open_transducer_emits_nothing_from_its_period_on(bench: Bench) -> None:
     period = bench.period + 10
     bench.emulator.inject(faults.OpenTransducer(transducer=17, period=period))
     bench.emulator.run_until(period + 10)
@@ -306,7 +299,7 @@ def test_a_clock_error_is_found_by_its_second_tick(ppm: float, pulses: int) -> N
     assert bench.emulator.running.faults == Fault(0)
     bench.emulator.run_until(4096 * pulses + 3)
     assert bench.loud_now() == [25, 25, 0, 0, 25, 25, 25, 25, 25, 25]
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     assert bench.loud_now() == [0] * 10
     assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.SYNC)
     assert [place for place, report in enumerate(bench.reports()) if report.faults] == [2, 3]
@@ -314,9 +307,8 @@ def test_a_clock_error_is_found_by_its_second_tick(ppm: float, pulses: int) -> N
     assert bench.status().faults == Fault.SYNC
 
 
-def test_a_slow_clock_moves_the_wave() -> None:
+def test_a_slow_clock_moves_the_wave(bench: Bench) -> None:
     """At -500 ppm a tick is lost in 2000."""
-    bench = playing()
     at = bench.emulator.running.now_tick
     bench.emulator.inject(faults.ClockError(board=4, ppm=-500))
     bench.emulator.run(200)
@@ -331,16 +323,15 @@ def test_a_late_fault_without_a_clock_error_raises_no_sync(period: int) -> None:
     bench.emulator.run_until(period)
     bench.emulator.inject(faults.HotBoard(board=1, celsius=40))
     bench.emulator.run_until(period + 2 * 4096)
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     assert bench.emulator.running.faults == Fault(0)
     bench.emulator.inject(faults.ClockError(board=1, ppm=100))
     bench.emulator.run_until(period + 4 * 4096)
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     assert bench.emulator.running.faults == Fault.SYNC
 
 
-def test_a_device_that_starts_without_its_sync_line_has_a_fault() -> None:
-    bench = playing()
+def test_a_device_that_starts_without_its_sync_line_has_a_fault(bench: Bench) -> None:
     bench.emulator.inject(faults.LostSync(board=2))
     restart(bench)
     assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.SYNC)
@@ -356,23 +347,21 @@ def test_a_slow_processor_steps_late_through_a_sequence() -> None:
     bench.emulator.run_until(50)
     assert bench.loud(began, began + 1) == [25] * 4 + [0] + [25] * 5
     assert bench.loud(began + 1, began + 2) == [25] * 10
-    bench.run_ms(ROUND_MS)
+    bench.run_ms(COLLECT_MS)
     assert bench.status().faults == Fault.OVERRUN
 
 
 # USB
 
 
-def test_a_record_with_a_wrong_bit_is_refused() -> None:
-    bench = playing()
+def test_a_record_with_a_wrong_bit_is_refused(bench: Bench) -> None:
     bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x81, byte=16))
     with pytest.raises(ReplyError):
         bench.send(NoOp())
     assert bench.send(NoOp()).reason is Reason.ACCEPTED
 
 
-def test_wrong_bits_go_into_packets_that_are_taken_and_long_enough() -> None:
-    bench = playing()
+def test_wrong_bits_go_into_packets_that_are_taken_and_long_enough(bench: Bench) -> None:
     first = bench.period + 100
     for number in range(QUEUE_BLOCKS):
         bench.send(Update(HALF, first + number))
@@ -384,8 +373,7 @@ def test_wrong_bits_go_into_packets_that_are_taken_and_long_enough() -> None:
     assert reasons == [Reason.CHECKSUM, Reason.CHECKSUM, Reason.ACCEPTED]
 
 
-def test_a_stream_gets_a_wrong_bit_too() -> None:
-    bench = playing()
+def test_a_stream_gets_a_wrong_bit_too(bench: Bench) -> None:
     bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x01, byte=300))
     updates = memoryview(b"".join(pack(Block(Update(HALF), number)) for number in range(1, 9)))
     now = bench.emulator.scheduler.now
@@ -395,9 +383,8 @@ def test_a_stream_gets_a_wrong_bit_too() -> None:
     assert bench.emulator.usb.stream_out(0x01, updates, now, now + MS)[0] == len(updates)
 
 
-def test_a_device_that_is_unplugged_is_off_and_comes_back() -> None:
+def test_a_device_that_is_unplugged_is_off_and_comes_back(bench: Bench) -> None:
     """SUSPEND and RESUME follow each other (clause STA-006)."""
-    bench = playing()
     generation = bench.emulator.usb.generation
     bench.emulator.inject(faults.Unplugged(periods=1000))
     assert not bench.emulator.usb.attached
@@ -411,9 +398,8 @@ def test_a_device_that_is_unplugged_is_off_and_comes_back() -> None:
     bench.play("update")
 
 
-def test_a_suspended_bus_turns_the_outputs_off_until_enable() -> None:
+def test_a_suspended_bus_turns_the_outputs_off_until_enable(bench: Bench) -> None:
     """Clause USB-020; the device is configured as before."""
-    bench = playing()
     bench.emulator.inject(faults.BusSuspended(periods=1000))
     bench.emulator.run(7)
     assert bench.emulator.usb.suspended
@@ -424,9 +410,8 @@ def test_a_suspended_bus_turns_the_outputs_off_until_enable() -> None:
     assert bench.status().state is State.OFF
 
 
-def test_the_watchdog_fires_when_the_host_falls_silent() -> None:
-    """100 ms after the last sign of life that arrived, whatever else the host sends (clause SAF-003)."""
-    bench = playing()
+def test_the_watchdog_fires_when_the_host_falls_silent(bench: Bench) -> None:
+    """The watchdog's time after the last sign of life that arrived, whatever else the host sends (clause SAF-003)."""
     last = bench.emulator.running.now_tick
     bench.emulator.inject(faults.SilentHost(periods=6000))
     for _ in range(14):
@@ -445,8 +430,7 @@ def test_the_watchdog_fires_when_the_host_falls_silent() -> None:
 # Power and flash
 
 
-def test_a_device_without_power_does_not_start() -> None:
-    bench = playing()
+def test_a_device_without_power_does_not_start(bench: Bench) -> None:
     bench.emulator.inject(faults.PowerCut())
     with pytest.raises(DeviceError, match="the device does not start"):
         bench.emulator.run_until_started()
@@ -481,16 +465,14 @@ def download(bench: Bench) -> DfuReply:
 IMAGE_A = 0x201000
 
 
-def test_a_flash_that_works_again_takes_the_image() -> None:
-    bench = playing()
+def test_a_flash_that_works_again_takes_the_image(bench: Bench) -> None:
     bench.emulator.inject(faults.WriteProtectedFlash(periods=10))
     enter_dfu(bench)
     assert download(bench).status is DfuStatus.OK
 
 
-def test_an_image_that_cannot_be_put_on_trial_is_not_started() -> None:
+def test_an_image_that_cannot_be_put_on_trial_is_not_started(bench: Bench) -> None:
     """An image that cannot be marked would be started for ever (clauses FWU-019 and FWU-020)."""
-    bench = playing()
     enter_dfu(bench)
     assert download(bench).status is DfuStatus.OK
     bench.emulator.inject(faults.WriteProtectedFlash())
@@ -502,8 +484,7 @@ def test_an_image_that_cannot_be_put_on_trial_is_not_started() -> None:
     assert bench.status().faults == Fault.FLASH
 
 
-def test_a_device_without_a_bootable_image_stays_off_the_bus() -> None:
-    bench = playing()
+def test_a_device_without_a_bootable_image_stays_off_the_bus(bench: Bench) -> None:
     bench.emulator.inject(faults.StuckFlashBit(address=0x101000, bit=4, value=0))
     bench.order(Request.RESET)
     bench.run_ms(1)
@@ -549,8 +530,7 @@ def test_a_broken_part_is_still_broken_after_a_power_cut(fault: InjectedFault, f
         assert np.flatnonzero(bench.emulator.capture().drive(bench.period - 1) == 0).tolist() == [0]
 
 
-def test_an_output_that_sticks_high_is_high_on_a_dead_board_too() -> None:
-    bench = playing()
+def test_an_output_that_sticks_high_is_high_on_a_dead_board_too(bench: Bench) -> None:
     bench.emulator.inject(faults.StuckHigh(processor=4, bit=3), faults.DeadBoard(board=2))
     bench.emulator.run(3)
     last = bench.emulator.capture().end_tick
@@ -561,9 +541,8 @@ def test_an_output_that_sticks_high_is_high_on_a_dead_board_too() -> None:
 
 
 @pytest.mark.parametrize("ahead", [2, 50, 150])
-def test_a_fault_begins_at_its_period_whatever_a_door_does(ahead: int) -> None:
+def test_a_fault_begins_at_its_period_whatever_a_door_does(bench: Bench, ahead: int) -> None:
     """Among updates that a door hands over together, and the controller plans together."""
-    bench = playing()
     period = bench.period + ahead
     bench.emulator.inject(faults.StuckHigh(processor=2, bit=0, period=period))
     bench.emulator.inject(faults.LostToken(message="slice", processor=9, times=3, period=period))
@@ -577,7 +556,7 @@ def test_a_fault_begins_at_its_period_whatever_a_door_does(ahead: int) -> None:
                 bench.emulator.run(1)
             taken = 512
         sent += taken
-    bench.run_ms(ROUND_MS + 1)
+    bench.run_ms(COLLECT_MS + 1)
     status = bench.status()
     assert (status.accepted, status.faults, status.missed_commits) == (201, Fault.CHAIN, 3)
     high = bench.emulator.capture().channels(50 * period - 60, 50 * period + 60)[:, 2 * 32]
@@ -595,8 +574,7 @@ def test_a_fault_in_a_past_period_is_refused() -> None:
         bench.emulator.inject(faults.BusReset(period=30))
 
 
-def test_a_restart_does_not_delay_a_fault() -> None:
-    bench = playing()
+def test_a_restart_does_not_delay_a_fault(bench: Bench) -> None:
     bench.emulator.inject(faults.StuckHigh(processor=0, bit=0, period=bench.period + 400))
     at = bench.emulator.running.time.boundary(bench.period + 400)
     restart(bench)
@@ -606,8 +584,7 @@ def test_a_restart_does_not_delay_a_fault() -> None:
     assert high.tolist() == [0] * 5 + [1] * 5
 
 
-def test_faults_are_logged() -> None:
-    bench = playing()
+def test_faults_are_logged(bench: Bench) -> None:
     bench.emulator.inject(
         faults.StuckLow(processor=1, bit=2, periods=40), faults.LostToken(message="collect", processor=5)
     )

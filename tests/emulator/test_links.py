@@ -48,6 +48,11 @@ def followed(link: Link = FIVE_WIRE) -> Links:
 # Clauses BUD-002, CHN-006 and BUD-003
 
 
+@pytest.fixture
+def links() -> Links:
+    return chain()
+
+
 @pytest.mark.parametrize("make", [chain, followed])
 @pytest.mark.parametrize(("name", "column"), [("5wire", 2), ("2wire", 3)])
 def test_messages_hold_a_link_and_arrive_as_the_specification_says(make: Make, name: str, column: int) -> None:
@@ -103,23 +108,20 @@ def test_a_train_is_not_for_links_whose_tokens_are_followed() -> None:
     assert opened.train([0], [SLICE], 9000) is None
 
 
-def test_spans_come_one_delay_after_another() -> None:
-    links = chain()
+def test_spans_come_one_delay_after_another(links: Links) -> None:
     links.down(2, COLLECT, 100)
     assert links.spans(Direction.DOWN) == [LinkSpan(0, 100, 172), LinkSpan(1, 140, 212), LinkSpan(2, 180, 252)]
     links.up(1, COLLECT, 100)
     assert links.spans(Direction.UP) == [LinkSpan(1, 100, 172), LinkSpan(0, 140, 212)]
 
 
-def test_directions_have_wires_of_their_own() -> None:
-    links = chain()
+def test_directions_have_wires_of_their_own(links: Links) -> None:
     links.down(9, SLICE, 0)
     assert links.up(9, SLICE, 0) == (9, 0, 416, 816)
 
 
-def test_answers_meet_at_a_switch() -> None:
+def test_answers_meet_at_a_switch(links: Links) -> None:
     """Processor 0 holds link 0 from 0 to 520; what comes from processor 2 waits at its switch from 80 on."""
-    links = chain()
     assert links.up(0, 65, 0) == (0, 0, 520, 560)
     # 28 tokens follow END on link 0. Before it 8 wait after link 1 and 8 after link 2; the rest has not begun. The
     # first leaves link 1's buffer at 528; the one that then may follow begins on link 1 at 536, and from there frees a
@@ -130,14 +132,13 @@ def test_answers_meet_at_a_switch() -> None:
 # Places and credits
 
 
-def test_a_slow_link_fills_the_buffer_before_it() -> None:
+def test_a_slow_link_fills_the_buffer_before_it(links: Links) -> None:
     """Link 1 takes 80 cycles a token, ten times as long as the others.
 
     A token is there 8 cycles after it began and goes on at 40, of which link 1 needs 80: the first ends there at 120,
     and the others 80 after each other. Eight tokens leave at full rate; the ninth waits for the place of the first,
     whose credit is back at 128, and so ends on link 0 at 136; the others again 80 after each other.
     """
-    links = chain()
     links.set_link(1, slow(80))
     assert links.down(1, 20, 0) == (1, 0, 136 + 11 * 80, 120 + 19 * 80 + 40)
     assert links.spans(Direction.DOWN) == [LinkSpan(0, 0, 1016), LinkSpan(1, 40, 1640)]
@@ -165,9 +166,8 @@ def test_places_taken_before_a_fault_stay_taken() -> None:
     assert links.down(0, 3, 0) == (0, 240, 90 + 210 + 8, 308 + 150)
 
 
-def test_a_fast_link_after_a_slow_one_is_held_as_long() -> None:
+def test_a_fast_link_after_a_slow_one_is_held_as_long(links: Links) -> None:
     """It cannot send what has not come; of each token the last symbol is there 40 cycles after it came."""
-    links = chain()
     links.set_link(0, slow(80))
     assert links.down(1, 20, 0) == (1, 0, 1600, 1680)
     assert links.spans(Direction.DOWN) == [LinkSpan(0, 0, 1600), LinkSpan(1, 80 + 40 - 8, 1640)]
@@ -203,9 +203,8 @@ def test_the_room_before_a_blocked_processor() -> None:
         assert links.free_at() == leaves
 
 
-def test_a_blocked_processor_holds_up_others() -> None:
+def test_a_blocked_processor_holds_up_others(links: Links) -> None:
     """11 tokens at processor 9 and 8 after each of ten links: 91 have room, and the next one waits for ever."""
-    links = chain()
     links.block(9)
     assert links.down(9, SLICE, 0).leaves == 416
     assert links.down(9, 39, 0) == (9, 416, 416 + 312, None)
@@ -215,9 +214,8 @@ def test_a_blocked_processor_holds_up_others() -> None:
     assert links.up(9, COLLECT, 0).arrives == 72 + 400
 
 
-def test_a_message_that_fits_into_the_buffer_of_a_blocked_processor_leaves_the_route_free() -> None:
+def test_a_message_that_fits_into_the_buffer_of_a_blocked_processor_leaves_the_route_free(links: Links) -> None:
     """9 tokens are 6 without the header; after 2 more the buffer is full."""
-    links = chain()
     links.block(4)
     assert links.down(4, COLLECT, 0) == (4, 0, 72, None)
     assert links.down(9, COLLECT, 0) == (9, 72, 144, 544)
@@ -225,8 +223,7 @@ def test_a_message_that_fits_into_the_buffer_of_a_blocked_processor_leaves_the_r
     assert links.down(9, COLLECT, 144) == (9, None, None, None)
 
 
-def test_a_cut_link_swallows_tokens_up_to_its_credit() -> None:
-    links = chain()
+def test_a_cut_link_swallows_tokens_up_to_its_credit(links: Links) -> None:
     links.cut(5)
     assert links.down(4, SLICE, 0) == (4, 0, 416, 416 + 200)
     assert links.down(5, BUFFER * 6, 416) == (5, 416, 416 + 48 * 8, None)
@@ -242,9 +239,8 @@ def test_a_cut_link_swallows_tokens_up_to_its_credit() -> None:
     assert links.up(4, COLLECT, 72).arrives == 144 + 200
 
 
-def test_a_message_without_a_receiver_stays_in_the_last_switch() -> None:
+def test_a_message_without_a_receiver_stays_in_the_last_switch(links: Links) -> None:
     """Clause CHN-023: eighty tokens have room, and the next message none."""
-    links = chain()
     assert links.down(9, COLLECT, 0, reached=False) == (9, 0, 72, None)
     assert links.down(0, COLLECT, 0) == (0, 72, 144, 144 + 40)
     assert links.down(9, 80, 144) == (9, 144, None, None)
@@ -261,17 +257,15 @@ def test_an_open_route_swallows_the_next_message_up_to_its_end(make: Make) -> No
     assert links.down(7, SLICE, 0) == (7, 824, 1240, 1240 + 320)
 
 
-def test_a_message_that_enters_an_open_route_keeps_its_header() -> None:
+def test_a_message_that_enters_an_open_route_keeps_its_header(links: Links) -> None:
     """Of 8 places the first message takes 5 and the second the other 3: its fourth token has no room."""
-    links = chain()
     links.block(0)
     links.down(0, 3 + 5, 0, ends=False)
     assert links.down(1, 3 + BUFFER, 0) == (0, 64, 64 + 88, None)
     assert links.down(1, 1, 0) == (1, None, None, None)
 
 
-def test_an_open_route_to_the_controller_belongs_to_its_sender() -> None:
-    links = chain()
+def test_an_open_route_to_the_controller_belongs_to_its_sender(links: Links) -> None:
     links.up(3, COLLECT - 1, 0, ends=False)
     assert links.up(5, COLLECT, 0) == (5, None, None, None)
     assert links.up(3, COLLECT, 0) == (3, 64, 136, 136 + 160)
@@ -281,8 +275,7 @@ def test_an_open_route_to_the_controller_belongs_to_its_sender() -> None:
 # Wrong arguments
 
 
-def test_wrong_arguments_are_refused_by_name() -> None:
-    links = chain()
+def test_wrong_arguments_are_refused_by_name(links: Links) -> None:
     with pytest.raises(ValueError, match="as many links, not 9"):
         Links([FIVE_WIRE] * 9)
     with pytest.raises(ValueError, match="hop_cycles -1 is negative"):

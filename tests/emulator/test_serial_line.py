@@ -89,6 +89,11 @@ def status(now: int) -> bytes:
 # Requests
 
 
+@pytest.fixture
+def controller() -> ModelController:
+    return ModelController()
+
+
 @pytest.mark.parametrize(
     ("data", "arrives"),
     [
@@ -105,9 +110,8 @@ def status(now: int) -> bytes:
     ],
     ids=["no request", "request", "stalled", "command", "words", "refused", "empty", "unknown", "arguments", "range"],
 )
-def test_a_host_that_gets_an_answer_counts_as_arrived(data: bytes, arrives: bool) -> None:
+def test_a_host_that_gets_an_answer_counts_as_arrived(controller: ModelController, data: bytes, arrives: bool) -> None:
     """A refusal is an answer, but one that is dropped instead of sent is none (clause FWU-020)."""
-    controller = ModelController()
     line = line_of(controller)
     line.receive(data)
     assert controller.arrivals == 0
@@ -119,8 +123,7 @@ def test_a_host_that_gets_an_answer_counts_as_arrived(data: bytes, arrives: bool
     assert controller.arrivals == arrives
 
 
-def test_an_answer_that_waits_for_dtr_is_none() -> None:
-    controller = ModelController()
+def test_an_answer_that_waits_for_dtr_is_none(controller: ModelController) -> None:
     line = line_of(controller, needs_dtr=True)
     assert said(line, b"status\r") == b""
     assert controller.arrivals == 0
@@ -145,8 +148,7 @@ def test_a_begun_frame_is_sent_to_its_end() -> None:
     assert heard(begun + said(line, CONSOLE)) == ["reply 01", "console", "> "]
 
 
-def test_hanging_up_drops_what_waits_and_counts_a_begun_frame() -> None:
-    controller = ModelController()
+def test_hanging_up_drops_what_waits_and_counts_a_begun_frame(controller: ModelController) -> None:
     line = among_frames(controller)
     line.receive(STATUS_REQUEST + STATUS_REQUEST[:4])
     line.take(3)
@@ -192,8 +194,7 @@ def test_a_block_waits_on_if_another_line_took_the_room() -> None:
 # Unsolicited records
 
 
-def test_the_line_registers_for_notifications() -> None:
-    controller = ModelController()
+def test_the_line_registers_for_notifications(controller: ModelController) -> None:
     line = line_of(controller)
     assert controller.doors == [line]
 
@@ -222,8 +223,9 @@ def restarts(controller: ModelController, request: int = 13) -> bool:
 
 
 @pytest.mark.parametrize(("order", "code"), [(RESET, 13), (REVERT, 14)])
-def test_the_answer_goes_out_then_text_begins_then_the_device_restarts(order: bytes, code: int) -> None:
-    controller = ModelController()
+def test_the_answer_goes_out_then_text_begins_then_the_device_restarts(
+    controller: ModelController, order: bytes, code: int
+) -> None:
     line = among_frames(controller)
     line.receive(STATUS_REQUEST)
     line.notify(status(1))
@@ -241,8 +243,7 @@ def test_the_answer_goes_out_then_text_begins_then_the_device_restarts(order: by
 
 
 @pytest.mark.parametrize("said_before", [RESET, b"reset\r"])
-def test_hanging_up_does_not_stop_a_restart(said_before: bytes) -> None:
-    controller = ModelController()
+def test_hanging_up_does_not_stop_a_restart(controller: ModelController, said_before: bytes) -> None:
     line = among_frames(controller) if said_before is RESET else line_of(controller)
     line.receive(said_before)
     line.hang_up()
@@ -263,8 +264,7 @@ def test_a_device_goes_on_if_it_cannot_detach_after_all() -> None:
 # DTR
 
 
-def test_a_restart_without_a_terminal_does_not_wait() -> None:
-    controller = ModelController()
+def test_a_restart_without_a_terminal_does_not_wait(controller: ModelController) -> None:
     line_of(controller, needs_dtr=True).receive(b"reset\r")
     assert restarts(controller)
 

@@ -65,6 +65,11 @@ class Bench:
         return [outcome for _, outcome in self.ended]
 
 
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
 @pytest.mark.parametrize(
     ("size", "zero_packet", "packets"),
     [
@@ -77,8 +82,7 @@ class Bench:
         (1536, False, [512, 512, 512]),
     ],
 )
-def test_a_transfer_is_cut_into_packets(size: int, zero_packet: bool, packets: list[int]) -> None:
-    bench = Bench()
+def test_a_transfer_is_cut_into_packets(bench: Bench, size: int, zero_packet: bool, packets: list[int]) -> None:
     transfer = bench.out(bytes(size), zero_packet=zero_packet)
     assert bench.run() == len(packets) * PACKET
     assert [len(packet) for _, packet in bench.device.taken] == packets
@@ -128,9 +132,8 @@ def test_transfers_that_are_sent_together_are_the_same_as_one_by_one(sizes: list
     ],
 )
 def test_a_short_packet_or_a_full_buffer_ends_a_transfer_in(
-    length: int, packets: list[int], outcome: TransferOutcome, received: int
+    bench: Bench, length: int, packets: list[int], outcome: TransferOutcome, received: int
 ) -> None:
-    bench = Bench()
     bench.device.give(0x81, *(bytes([number]) * size for number, size in enumerate(packets)))
     transfer = bench.into(length)
     bench.run()
@@ -138,8 +141,7 @@ def test_a_short_packet_or_a_full_buffer_ends_a_transfer_in(
     assert len(transfer.received) == received
 
 
-def test_a_short_packet_can_be_an_error() -> None:
-    bench = Bench()
+def test_a_short_packet_can_be_an_error(bench: Bench) -> None:
     bench.device.give(0x81, bytes(64), bytes(512))
     bench.into(512, short_not_ok=True)
     bench.into(512, short_not_ok=True)
@@ -147,16 +149,14 @@ def test_a_short_packet_can_be_an_error() -> None:
     assert bench.outcomes == [TransferOutcome.SHORT, TransferOutcome.DONE]
 
 
-def test_a_full_packet_of_the_interrupt_endpoint_has_sixteen_bytes() -> None:
-    bench = Bench()
+def test_a_full_packet_of_the_interrupt_endpoint_has_sixteen_bytes(bench: Bench) -> None:
     bench.device.give(0x82, bytes(16), bytes(10))
     transfer = bench.into(64, 0x82)
     bench.run()
     assert len(transfer.received) == 26
 
 
-def test_transfers_of_an_endpoint_keep_their_order_and_endpoints_take_turns() -> None:
-    bench = Bench()
+def test_transfers_of_an_endpoint_keep_their_order_and_endpoints_take_turns(bench: Bench) -> None:
     first, second = bench.out(b"a" * 1024), bench.out(b"b" * 512)
     console = bench.out(b"c" * 1024, 0x03)
     bench.run()
@@ -165,9 +165,8 @@ def test_transfers_of_an_endpoint_keep_their_order_and_endpoints_take_turns() ->
 
 
 @pytest.mark.parametrize("streams", [0, 10**6])
-def test_records_keep_up_with_the_blocks_of_a_stream(streams: int) -> None:
+def test_records_keep_up_with_the_blocks_of_a_stream(bench: Bench, streams: int) -> None:
     """Acknowledgements of 16 blocks fill a packet; if each waited for a stream, a device could hold no more of them."""
-    bench = Bench()
     bench.device.streams = (bench.scheduler, streams)
     bench.device.give(0x81, *(bytes([number]) * 512 for number in range(20)), b"")
     bench.out(bytes(512 * 400))
@@ -179,8 +178,7 @@ def test_records_keep_up_with_the_blocks_of_a_stream(streams: int) -> None:
     assert ended[:-1] == answers
 
 
-def test_a_transfer_that_gets_nak_waits_for_an_event_of_the_device() -> None:
-    bench = Bench()
+def test_a_transfer_that_gets_nak_waits_for_an_event_of_the_device(bench: Bench) -> None:
     bench.device.room = 1
     bench.out(bytes(1024))
     bench.into(512)
@@ -200,8 +198,7 @@ def test_a_transfer_that_gets_nak_waits_for_an_event_of_the_device() -> None:
     assert 1_000_000 <= bench.scheduler.now < 1_000_000 + 3 * PACKET
 
 
-def test_a_pending_transfer_in_is_neither_pressing_nor_stuck() -> None:
-    bench = Bench()
+def test_a_pending_transfer_in_is_neither_pressing_nor_stuck(bench: Bench) -> None:
     bench.into(512)
     assert (bench.bus.presses, bench.bus.stuck) == (True, False)
     bench.run()
@@ -214,8 +211,7 @@ def test_a_pending_transfer_in_is_neither_pressing_nor_stuck() -> None:
     assert bench.bus.last_word == 3 * PACKET + MICROFRAME
 
 
-def test_a_transfer_submitted_late_waits_for_its_packet_only() -> None:
-    bench = Bench()
+def test_a_transfer_submitted_late_waits_for_its_packet_only(bench: Bench) -> None:
     bench.into(512)
     bench.run()
     bench.scheduler.run_until(5_000_000)
@@ -225,8 +221,7 @@ def test_a_transfer_submitted_late_waits_for_its_packet_only() -> None:
     assert len(bench.device.taken) == 1
 
 
-def test_a_halted_endpoint_stalls_and_others_go_on() -> None:
-    bench = Bench()
+def test_a_halted_endpoint_stalls_and_others_go_on(bench: Bench) -> None:
     bench.device.halted = {0x01, 0x81}
     bench.out(bytes(512))
     bench.into(512)
@@ -235,8 +230,7 @@ def test_a_halted_endpoint_stalls_and_others_go_on() -> None:
     assert sorted(bench.outcomes) == [TransferOutcome.STALLED, TransferOutcome.STALLED, TransferOutcome.DONE]
 
 
-def test_requests_take_a_microframe_each_and_go_first() -> None:
-    bench = Bench()
+def test_requests_take_a_microframe_each_and_go_first(bench: Bench) -> None:
     bench.out(bytes(512))
     device = bench.request(Setup(0x80, 6, 0x0100, 0, 18))
     configure = bench.request(Setup(0x00, 9, 1, 0, 0))
@@ -262,15 +256,13 @@ def test_requests_take_a_microframe_each_and_go_first() -> None:
         (lambda bench: bench.request(Setup(0x41, 9, 0, 0, 3), b"ab", length=2), TransferOutcome.MALFORMED),
     ],
 )
-def test_requests_end_as_they_should(ask: Callable[[Bench], Transfer], outcome: TransferOutcome) -> None:
-    bench = Bench()
+def test_requests_end_as_they_should(bench: Bench, ask: Callable[[Bench], Transfer], outcome: TransferOutcome) -> None:
     ask(bench)
     bench.run()
     assert bench.outcomes == [outcome]
 
 
-def test_a_request_may_not_go_both_ways() -> None:
-    bench = Bench()
+def test_a_request_may_not_go_both_ways(bench: Bench) -> None:
     wrong = Transfer(
         0x00, 18, bytes(18), Setup(0x80, 6, 0x0100, 0, 18), False, False, lambda *end: bench.ended.append(end)
     )
@@ -279,8 +271,7 @@ def test_a_request_may_not_go_both_ways() -> None:
     assert (bench.outcomes, bench.device.requests) == ([TransferOutcome.MALFORMED], [])
 
 
-def test_a_cancelled_transfer_is_over() -> None:
-    bench = Bench()
+def test_a_cancelled_transfer_is_over(bench: Bench) -> None:
     first, second = bench.into(512), bench.into(512)
     bench.bus.cancel(first)
     bench.device.give(0x81, bytes(32))
@@ -298,7 +289,6 @@ def test_a_full_speed_bus_carries_nineteen_small_packets_in_a_frame() -> None:
     assert {len(packet) for _, packet in bench.device.taken} == {64}
 
 
-def test_a_high_speed_bus_carries_thirteen_packets_in_a_microframe() -> None:
-    bench = Bench()
+def test_a_high_speed_bus_carries_thirteen_packets_in_a_microframe(bench: Bench) -> None:
     bench.out(bytes(13 * 512))
     assert MICROFRAME - 13 < bench.run() <= MICROFRAME

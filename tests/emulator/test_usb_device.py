@@ -22,9 +22,13 @@ def stalls(bench: Bench, setup: Setup, data: bytes = b"") -> bool:
     return False
 
 
+@pytest.fixture
+def bench() -> Bench:
+    return configured()
+
+
 @pytest.mark.parametrize("setup", [Setup(0x00, 5, 128, 0, 0), Setup(0x00, 9, 1, 0, 3)], ids=["address 128", "data"])
-def test_a_standard_request_with_wrong_fields_stalls(setup: Setup) -> None:
-    bench = configured()
+def test_a_standard_request_with_wrong_fields_stalls(bench: Bench, setup: Setup) -> None:
     assert stalls(bench, setup)
     assert (bench.usb.attached, bench.usb.configuration) == (True, 1)
 
@@ -91,8 +95,7 @@ def test_it_attaches_with_voltage_and_firmware_only() -> None:
 # Suspend, resume, unplug
 
 
-def test_loss_of_voltage_or_a_reset_ends_a_suspension() -> None:
-    bench = configured()
+def test_loss_of_voltage_or_a_reset_ends_a_suspension(bench: Bench) -> None:
     bench.usb.suspend()
     bench.usb.unplug()
     bench.usb.plug()
@@ -108,9 +111,8 @@ def test_loss_of_voltage_or_a_reset_ends_a_suspension() -> None:
 # To DFU mode and back
 
 
-def test_detach_stalls_if_the_state_forbids_it() -> None:
+def test_detach_stalls_if_the_state_forbids_it(bench: Bench) -> None:
     """Clause STA-005."""
-    bench = configured()
     bench.controller.can_detach = False
     assert stalls(bench, DETACH)
     with pytest.raises(Stall, match="cannot be detached in this state"):
@@ -119,8 +121,7 @@ def test_detach_stalls_if_the_state_forbids_it() -> None:
     assert (bench.usb.generation, bench.usb.control(GETSTATE)) == (1, bytes(1))
 
 
-def test_the_console_detaches_as_the_request_does() -> None:
-    bench = configured()
+def test_the_console_detaches_as_the_request_does(bench: Bench) -> None:
     bench.usb.detach(bench.door)
     assert bench.usb.control(GETSTATE) == bytes([1])
     bench.run_ms(1010)
@@ -129,8 +130,7 @@ def test_the_console_detaches_as_the_request_does() -> None:
         bench.usb.detach(bench.door)
 
 
-def test_a_bus_reset_hastens_a_detach_unless_it_was_cancelled() -> None:
-    bench = configured()
+def test_a_bus_reset_hastens_a_detach_unless_it_was_cancelled(bench: Bench) -> None:
     bench.usb.control(DETACH)
     bench.controller.can_detach = False
     assert stalls(bench, DETACH)
@@ -139,8 +139,7 @@ def test_a_bus_reset_hastens_a_detach_unless_it_was_cancelled() -> None:
 
 
 @pytest.mark.parametrize("wait_ms", [0, 25])
-def test_a_restart_cancels_a_detach(wait_ms: int) -> None:
-    bench = configured()
+def test_a_restart_cancels_a_detach(bench: Bench, wait_ms: int) -> None:
     bench.usb.control(DETACH)
     bench.run_ms(wait_ms)
     bench.usb.connect(bench.controller, bench.line, (1, 2, 3))
@@ -148,8 +147,7 @@ def test_a_restart_cancels_a_detach(wait_ms: int) -> None:
     assert bench.usb.control(GET_DEVICE)[10:12] == b"\x01\x00"
 
 
-def test_a_device_that_is_unplugged_meanwhile_comes_back_in_dfu_mode() -> None:
-    bench = configured()
+def test_a_device_that_is_unplugged_meanwhile_comes_back_in_dfu_mode(bench: Bench) -> None:
     bench.usb.control(DETACH)
     bench.usb.unplug()
     bench.run_ms(2000)

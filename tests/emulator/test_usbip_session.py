@@ -65,6 +65,11 @@ class Desk:
         return client, session
 
 
+@pytest.fixture
+def desk() -> Desk:
+    return Desk()
+
+
 def test_devices_are_listed_and_the_connection_ends() -> None:
     client, session = Desk().client()
     listed = client.list()
@@ -74,16 +79,14 @@ def test_devices_are_listed_and_the_connection_ends() -> None:
     assert (session.over, session.end) == (True, "")
 
 
-def test_a_device_is_attached_and_enumerated() -> None:
-    desk = Desk()
+def test_a_device_is_attached_and_enumerated(desk: Desk) -> None:
     client, _ = desk.attached()
     assert client.enumerate() == desk.device.enumeration.configuration
     assert desk.device.configuration == 1
     assert client.request(0xC1, 99, length=4).status == -32  # EPIPE
 
 
-def test_packets_go_both_ways() -> None:
-    desk = Desk()
+def test_packets_go_both_ways(desk: Desk) -> None:
     client, _ = desk.attached()
     assert client.write(0x01, bytes(1000))[2:4] == (0, 1000)
     assert [len(packet) for _, packet in desk.device.taken] == [512, 488]
@@ -96,8 +99,7 @@ def test_packets_go_both_ways() -> None:
 
 
 @pytest.mark.parametrize(("bus_id", "status"), [("1-3", 4), ("", 4), ("1-1", 2)])
-def test_an_absent_or_attached_device_cannot_be_attached(bus_id: str, status: int) -> None:
-    desk = Desk()
+def test_an_absent_or_attached_device_cannot_be_attached(desk: Desk, bus_id: str, status: int) -> None:
     desk.attached()
     client, session = desk.client()
     assert client.attach(bus_id) == status
@@ -105,8 +107,7 @@ def test_an_absent_or_attached_device_cannot_be_attached(bus_id: str, status: in
     assert session.end
 
 
-def test_another_device_can_be_attached_and_each_again_after_its_client_left() -> None:
-    desk = Desk()
+def test_another_device_can_be_attached_and_each_again_after_its_client_left(desk: Desk) -> None:
     _, first = desk.attached()
     second, _ = desk.client()
     assert second.attach("1-2") == 0
@@ -118,8 +119,7 @@ def test_another_device_can_be_attached_and_each_again_after_its_client_left() -
     assert desk.device.happened == ["unplug", "plug"]
 
 
-def test_a_waiting_transfer_can_be_cancelled() -> None:
-    desk = Desk()
+def test_a_waiting_transfer_can_be_cancelled(desk: Desk) -> None:
     client, _ = desk.attached()
     first, second = client.submit(0x81, 512), client.submit(0x81, 512)
     unlink = client.unlink(first)
@@ -131,8 +131,7 @@ def test_a_waiting_transfer_can_be_cancelled() -> None:
         client.answer()  # nothing for the first
 
 
-def test_a_finished_transfer_cannot_be_cancelled() -> None:
-    desk = Desk()
+def test_a_finished_transfer_cannot_be_cancelled(desk: Desk) -> None:
     client, _ = desk.attached()
     done = client.submit(0x01, 512, bytes(512))
     client.wait_for(done)
@@ -140,9 +139,8 @@ def test_a_finished_transfer_cannot_be_cancelled() -> None:
 
 
 @pytest.mark.parametrize("start", [0x1000, 0xFFFF_FFFE])
-def test_a_transfer_may_be_cancelled_before_it_comes(start: int) -> None:
+def test_a_transfer_may_be_cancelled_before_it_comes(desk: Desk, start: int) -> None:
     """Linux sends cancellations and transfers from two queues; the numbers wrap after 32 bits."""
-    desk = Desk()
     client, _ = desk.attached()
     client.wait_for(client.submit(0x01, 512, b"1" * 512, number=start))
     unlinked, unlink, other = ((start + step) % 2**32 for step in (2, 3, 4))
@@ -163,8 +161,7 @@ def test_a_transfer_of_the_last_connection_is_cancelled_at_once() -> None:
     client.wait_for(client.submit(0x01, 512, b"1" * 512, number=9))
 
 
-def test_a_cancelled_transfer_reports_how_much_was_sent() -> None:
-    desk = Desk()
+def test_a_cancelled_transfer_reports_how_much_was_sent(desk: Desk) -> None:
     client, session = desk.attached()
     desk.device.room = 2
     sent = client.submit(0x01, 1536, bytes(1536))
@@ -175,8 +172,7 @@ def test_a_cancelled_transfer_reports_how_much_was_sent() -> None:
     assert client.answer()[:3] == (4, unlink, 0)
 
 
-def test_a_cancelled_transfer_loses_no_received_bytes() -> None:
-    desk = Desk()
+def test_a_cancelled_transfer_loses_no_received_bytes(desk: Desk) -> None:
     client, session = desk.attached()
     wanted = client.submit(0x81, 1024)
     desk.device.give(0x81, b"r" * 512)
@@ -187,8 +183,7 @@ def test_a_cancelled_transfer_loses_no_received_bytes() -> None:
     assert client.answer()[:3] == (4, unlink, 0)
 
 
-def test_a_transfer_that_gets_nak_waits_for_the_clock() -> None:
-    desk = Desk()
+def test_a_transfer_that_gets_nak_waits_for_the_clock(desk: Desk) -> None:
     client, session = desk.attached()
     client.write(0x01, b"something")
     desk.device.room = 0
@@ -209,8 +204,7 @@ def test_a_transfer_that_gets_nak_waits_for_the_clock() -> None:
     assert desk.stations[0].seconds_to_wait() is None
 
 
-def test_at_the_fast_pace_the_device_comes_to_rest_after_each_message() -> None:
-    desk = Desk()
+def test_at_the_fast_pace_the_device_comes_to_rest_after_each_message(desk: Desk) -> None:
     client, session = desk.attached()
     listens = client.submit(0x81, 512)
     desk.scheduler.at(3_000_000, lambda: desk.device.give(0x81, b"soon"))
@@ -224,8 +218,7 @@ def test_at_the_fast_pace_the_device_comes_to_rest_after_each_message() -> None:
     assert desk.scheduler.now < 13_000_000
 
 
-def test_a_bus_reset_is_inferred_when_a_host_begins_to_enumerate() -> None:
-    desk = Desk()
+def test_a_bus_reset_is_inferred_when_a_host_begins_to_enumerate(desk: Desk) -> None:
     client, _ = desk.attached()
     client.enumerate()
     assert desk.device.happened == ["reset"]
@@ -240,8 +233,7 @@ def test_a_bus_reset_is_inferred_when_a_host_begins_to_enumerate() -> None:
     assert desk.device.happened == ["reset", "reset"]
 
 
-def test_no_bus_reset_is_inferred_during_a_transfer() -> None:
-    desk = Desk()
+def test_no_bus_reset_is_inferred_during_a_transfer(desk: Desk) -> None:
     client, _ = desk.attached()
     client.submit(0x81, 512)
     client.descriptor(1, 64)
@@ -249,8 +241,7 @@ def test_no_bus_reset_is_inferred_during_a_transfer() -> None:
     assert desk.device.happened == []
 
 
-def test_a_device_that_attaches_again_ends_the_connection_and_keeps_its_power() -> None:
-    desk = Desk()
+def test_a_device_that_attaches_again_ends_the_connection_and_keeps_its_power(desk: Desk) -> None:
     client, session = desk.attached()
     client.submit(0x81, 512)
 
@@ -268,9 +259,8 @@ def test_a_device_that_attaches_again_ends_the_connection_and_keeps_its_power() 
     desk.attached()
 
 
-def test_a_device_that_leaves_the_bus_over_a_request_still_answers_it() -> None:
+def test_a_device_that_leaves_the_bus_over_a_request_still_answers_it(desk: Desk) -> None:
     """As one that enters a test mode does (USB 2.0, 9.4.9)."""
-    desk = Desk()
     client, session = desk.attached()
 
     def leave(setup: Setup, data: bytes = b"") -> bytes:
@@ -283,9 +273,8 @@ def test_a_device_that_leaves_the_bus_over_a_request_still_answers_it() -> None:
 
 
 @pytest.mark.parametrize("delay", [0, 8_000_000])
-def test_a_device_that_leaves_for_a_reset_answers_the_second_look_when_it_is_back(delay: int) -> None:
+def test_a_device_that_leaves_for_a_reset_answers_the_second_look_when_it_is_back(desk: Desk, delay: int) -> None:
     """A host compares the descriptor with the one before, and enumerates the device anew."""
-    desk = Desk()
     client, session = desk.attached()
     client.enumerate()
     before = client.descriptor(1, 64)
@@ -306,8 +295,7 @@ def test_a_device_that_leaves_for_a_reset_answers_the_second_look_when_it_is_bac
     assert client.write(0x01, bytes(8)).status == 0
 
 
-def test_a_device_that_does_not_come_back_from_a_reset_ends_the_connection() -> None:
-    desk = Desk()
+def test_a_device_that_does_not_come_back_from_a_reset_ends_the_connection(desk: Desk) -> None:
     client, session = desk.attached()
     client.descriptor(1, 64)
     desk.device.reset = lambda: setattr(desk.device, "attached", False)  # type: ignore[method-assign]  # made to leave
@@ -318,9 +306,8 @@ def test_a_device_that_does_not_come_back_from_a_reset_ends_the_connection() -> 
 
 
 @pytest.mark.parametrize("delay", [0, 8_000_000])
-def test_a_client_waits_for_a_device_that_is_about_to_attach(delay: int) -> None:
+def test_a_client_waits_for_a_device_that_is_about_to_attach(desk: Desk, delay: int) -> None:
     """What the client sends meanwhile is not lost."""
-    desk = Desk()
     desk.device.attached = not delay
     desk.scheduler.at(delay, lambda: setattr(desk.device, "attached", True))
     client, session = desk.client()
@@ -336,8 +323,7 @@ def test_a_client_waits_for_a_device_that_is_about_to_attach(delay: int) -> None
     assert client.wait_for(number).length == 18
 
 
-def test_a_client_does_not_wait_long_for_a_device() -> None:
-    desk = Desk()
+def test_a_client_does_not_wait_long_for_a_device(desk: Desk) -> None:
     desk.device.attached = False
     desk.scheduler.run_until(1_000_000)
     client, session = desk.client()
@@ -356,8 +342,9 @@ def test_a_client_does_not_wait_long_for_a_device() -> None:
         (struct.pack(">5I", 1, 1, 0x10001, 0, 1) + struct.pack(">7I", 0, 2**31, 0, 0, 0, 0, 0), "2147483648 bytes"),
     ],
 )
-def test_a_client_that_breaks_the_protocol_is_dropped_and_its_device_unplugged(command: bytes, reason: str) -> None:
-    desk = Desk()
+def test_a_client_that_breaks_the_protocol_is_dropped_and_its_device_unplugged(
+    desk: Desk, command: bytes, reason: str
+) -> None:
     _, session = desk.attached()
     session.receive(command)
     assert session.over
@@ -404,8 +391,7 @@ def test_a_client_s_pending_transfers_have_a_limit(monkeypatch: pytest.MonkeyPat
     assert session.over
 
 
-def test_a_client_that_does_not_read_gets_nothing_more() -> None:
-    desk = Desk()
+def test_a_client_that_does_not_read_gets_nothing_more(desk: Desk) -> None:
     client, session = desk.attached()
     desk.device.give(0x81, *[bytes(512)] * 8192)
     for _ in range(4):

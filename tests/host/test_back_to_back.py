@@ -139,7 +139,7 @@ class TestEveryLine:
 
     def test_refusals_say_why(self, device: Device) -> None:
         device.set_drive_limit(100)
-        with pytest.raises(DeviceRefusedError, match="above the limit") as raised:
+        with pytest.raises(DeviceRefusedError, match=r"a total drive of 320 is above the limit of 100$") as raised:
             device.show(FULL)
         assert reason_of(raised) is Reason.DRIVE
         device.stop()

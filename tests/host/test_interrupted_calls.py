@@ -15,10 +15,11 @@ import pytest
 from phasewire import Device, Emulator, Pulses, open_device
 from phasewire.base.errors import DeviceError
 from phasewire.protocol import State
+from phasewire.protocol.board import CARRIER_HZ, WATCHDOG_MS
 
 FRAME = Pulses(np.full(320, 25), np.full(320, 25))
 ROOMS = ("/host/", "/emulator/doors/", "/protocol/")
-WATCHDOG_PERIODS = 4000
+WATCHDOG_PERIODS = WATCHDOG_MS * CARRIER_HZ // 1000
 MOMENTS = 25
 """The number of interruptions of a call, from its first function to its last."""
 

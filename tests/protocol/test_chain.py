@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 from phasewire.base.errors import ChainError
-from phasewire.protocol import codes as limits
 from phasewire.protocol.chain import (
     Collect,
     Commit,
@@ -22,15 +21,7 @@ from phasewire.protocol.chain import (
 )
 from phasewire.protocol.codes import ChannelEnd, Memory
 
-from tests.specification import codes
-
 # Bits 0, 2, 4 … high from tick 0 for 25 ticks: phase 25, width 25 is 0xC99; the odd ones are silent.
-
-
-def test_the_limits_of_the_specification_are_these() -> None:
-    table = codes("limits of the chain")
-    assert len(table) == 14
-    assert {name: getattr(limits, name) for name in table} == table
 
 
 @pytest.mark.parametrize(

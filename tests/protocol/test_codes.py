@@ -8,7 +8,6 @@ import pytest
 from phasewire.protocol.codes import (
     PROTOCOL_REVISION,
     PROTOCOL_VERSION,
-    RESTART_SECONDS,
     AckFlag,
     Action,
     Bank,
@@ -86,10 +85,6 @@ def test_the_table_of_revisions_ends_with_this_one() -> None:
     assert {row[2] for row in rows[1:]} <= set(clauses())
     assert f"This is revision {PROTOCOL_REVISION}; VER-009" in SPEC
     assert f"This text is *revision* {PROTOCOL_REVISION} of version {PROTOCOL_VERSION}." in SPEC
-
-
-def test_the_time_of_a_restart_is_that_of_its_clause() -> None:
-    assert f"within {RESTART_SECONDS} s of power-up" in " ".join(SPEC.split())
 
 
 def test_reasons_name_the_clause_that_is_broken() -> None:

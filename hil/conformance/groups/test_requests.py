@@ -45,7 +45,7 @@ from phasewire.protocol.blocks import (
     Update,
     pack,
 )
-from phasewire.protocol.board import CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD
+from phasewire.protocol.board import CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD, WATCHDOG_MS
 from phasewire.protocol.codes import (
     ENTRIES_PER_BLOCK,
     PAYLOAD_BYTES,
@@ -275,7 +275,7 @@ def test_info_says_what_the_specification_demands(bench: Bench) -> None:
     assert a_update >= 1, "periods_per_update is 0"
     assert records >= 16, f"queue_records is {records}, should be 16 or more"
     assert 0 < limit <= CHANNELS, f"drive_limit is {limit}, should be 1 to {CHANNELS}"
-    expect("watchdog_ms", watchdog, 100)
+    expect("watchdog_ms", watchdog, WATCHDOG_MS)
     expect("slots", slots, 256 if features & 1 else 0)
     expect("sequence_entries", entries, 1024 if features & 1 else 0)
     expect("modulation_samples", samples, 4096 if features & 2 else 0)

@@ -44,7 +44,7 @@ from phasewire.protocol.blocks import (
     Update,
     pack,
 )
-from phasewire.protocol.board import CHANNELS, TICKS_PER_PERIOD
+from phasewire.protocol.board import CHANNELS, TICKS_PER_PERIOD, WATCHDOG_MS
 from phasewire.protocol.codes import (
     BLOCK_BYTES,
     REQUEST_TYPE_IN,
@@ -101,12 +101,12 @@ def test_the_watchdog_silences_what_plays(bench: Bench, what: str) -> None:
 @case("SAF-003", "REQ-009")
 def test_the_watchdog_has_its_default_time(bench: Bench) -> None:
     """The watchdog time at power-up is that of INFO, 100 ms, and it holds without a WATCHDOG request."""
-    expect("the watchdog time that INFO tells", bench.info.watchdog_ms, 100)
+    expect("the watchdog time that INFO tells", bench.info.watchdog_ms, WATCHDOG_MS)
     before = bench.clock().now
     bench.enable()
     last = bench.must(NoOp()).now
-    check_not_yet(bench, before + 100 * TICKS_PER_MS)
-    await_firing(bench, last, last, 100)
+    check_not_yet(bench, before + WATCHDOG_MS * TICKS_PER_MS)
+    await_firing(bench, last, last, WATCHDOG_MS)
 
 
 @case("SAF-003", "STA-003")

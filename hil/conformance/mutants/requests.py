@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ....emulator.boards import processor
 from ....emulator.control import known_faults, requests, supervisor
 from ....emulator.control.chain import Chain
 from ....emulator.control.requests import Requests
@@ -16,7 +15,7 @@ from ....emulator.interfaces.serial_line import SerialLine
 from ....emulator.interfaces.usb_device import UsbDevice
 from ....protocol.blocks import unpack_pulses
 from ....protocol.board import TICK_HZ, TICKS_PER_PERIOD
-from ....protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Reason, Request
+from ....protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, TEMPERATURE_LIMIT_C, Reason, Request
 from ....protocol.pulses import Pulses
 from ....protocol.requests import DIRECTION_IN, VALUES, Setup
 from ....protocol.states import StateEvent
@@ -254,7 +253,7 @@ def limit_takes_a_transducer_too_many(patch: Patch) -> None:
 @mutant("REQ-011")
 def temperature_is_cleared_without_hysteresis(patch: Patch) -> None:
     """TEMPERATURE can be cleared as soon as the board is at 85 °C or below: one limit serves instead of two."""
-    patch.replace(known_faults, "CLEARED_BELOW_C", processor.TEMPERATURE_LIMIT_C + 1)
+    patch.replace(known_faults, "CLEARED_BELOW_C", TEMPERATURE_LIMIT_C + 1)
 
 
 @mutant("REQ-013", wraps=(Requests, "_depart"))

@@ -27,7 +27,7 @@ from ....protocol.blocks import (
     Update,
 )
 from ....protocol.board import CARRIER_HZ, CHANNELS
-from ....protocol.codes import NOW, Action, Reason, Request
+from ....protocol.codes import NOW, PROMISED_PERIODS, Action, Reason, Request
 from ....protocol.pulses import Pulses
 from ....protocol.replies import Ack
 from ....protocol.wiring import Wiring
@@ -38,8 +38,6 @@ from ..sight.waveforms import Words, check_play, expected_words, modulated
 
 __all__ = ["PROMISED_PERIODS", "Player", "Score", "block_periods", "check_in_time", "in_time", "is_fast", "soon"]
 
-PROMISED_PERIODS = 5
-"""Clause BLK-005: a change this many periods after its block's arrival is in time."""
 PATIENCE_MS = 60_000
 """The longest watchdog time (clause REQ-009)."""
 LATENCY_PERIODS = 2000

@@ -12,10 +12,11 @@ from phasewire.base.errors import DeviceLostError
 from phasewire.hil.sound.emission import emitted_waves
 from phasewire.host.streaming.cycles import play_cycle
 from phasewire.host.streaming.envelopes import sine
+from phasewire.protocol.board import CARRIER_HZ, WATCHDOG_MS
+from phasewire.protocol.codes import SILENT_PERIODS
 
 TEN_TIME_CONSTANTS = 120  # periods: 10 · 0.3 ms
-SILENT_WITHIN = 6  # periods (clause SAF-004)
-WATCHDOG = 4000 + 1  # periods (clause SAF-003)
+WATCHDOG = WATCHDOG_MS * CARRIER_HZ // 1000 + 1  # periods (clause SAF-003)
 
 Action = Callable[[], object]
 
@@ -102,7 +103,7 @@ def test_what_is_emitted_dies_away(
 
         play(device, then)
     emitted = emitted_waves(emulator.capture(), array, stopped[0], stopped[0] + 2 * TEN_TIME_CONSTANTS)
-    assert not emitted.duty[SILENT_WITHIN:].any()
+    assert not emitted.duty[SILENT_PERIODS:].any()
     high = np.flatnonzero(emitted.duty.any(axis=1))
     since = int(high[-1]) + 1 if high.size else 0
     assert np.abs(emitted.waves[since + TEN_TIME_CONSTANTS :]).max() < 1e-3
