@@ -16,16 +16,14 @@ import numpy as np
 from jax import Array, Device
 from numpy.typing import NDArray
 
-from ..compiled import kernels
+from ..compiled import layout
+from ..compiled.propagation import COSINE, SINE
 from .devices import power_of_two
 
 __all__ = ["PAIRS_AT_A_TIME", "WaveTables", "response", "sum_pressure", "unit_transfer"]
 
 PAIRS_AT_A_TIME = 2**26
 """Of points and transducers: 512 MiB if XLA keeps each wave, as it does on a processor."""
-
-SINE = (kernels.S0, kernels.S1, kernels.S2, kernels.S3, kernels.S4, kernels.S5)
-COSINE = (kernels.C0, kernels.C1, kernels.C2, kernels.C3, kernels.C4, kernels.C5, kernels.C6)
 
 
 class WaveTables(NamedTuple):
@@ -53,10 +51,10 @@ def unit_transfer(tables: WaveTables, at: Array) -> Array:
         0 behind a transducer's baffle.
     """
     elements = tables.elements
-    dx, dy, dz = (at[..., axis, None] - elements[row] for axis, row in enumerate((kernels.X, kernels.Y, kernels.Z)))
-    r = jnp.sqrt(dx * dx + dy * dy + dz * dz + kernels.TINY)
+    dx, dy, dz = (at[..., axis, None] - elements[row] for axis, row in enumerate((layout.X, layout.Y, layout.Z)))
+    r = jnp.sqrt(dx * dx + dy * dy + dz * dz + layout.TINY)
     inverse = 1 / r
-    cosine = (dx * elements[kernels.NX] + dy * elements[kernels.NY] + dz * elements[kernels.NZ]) * inverse
+    cosine = (dx * elements[layout.NX] + dy * elements[layout.NY] + dz * elements[layout.NZ]) * inverse
     amplitude = jnp.where(cosine > 0, inverse, 0)
     if tables.nepers is not None:
         amplitude *= jnp.exp(-tables.nepers * r)
@@ -70,7 +68,7 @@ def unit_transfer(tables: WaveTables, at: Array) -> Array:
 
 def response(tables: WaveTables) -> Array:
     """The (n,) complex64 responses of the transducers, polarity included; 0 for dead ones."""
-    return jnp.asarray(tables.elements[kernels.GAIN] * _turned(tables.elements[kernels.LEAD]))
+    return jnp.asarray(tables.elements[layout.GAIN] * _turned(tables.elements[layout.LEAD]))
 
 
 def _polynomial(coefficients: Sequence[Any] | Array, x: Array) -> Array:

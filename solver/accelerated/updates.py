@@ -15,7 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..compiled.kernels import BELOW, LIMIT, TINY
+from ..compiled.algebra import BELOW
+from ..compiled.layout import LIMIT, TINY
 from .propagation import WaveTables, response, unit_transfer
 
 __all__ = ["Recipe", "solve_batch"]

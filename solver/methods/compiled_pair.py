@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.tables import aligned, tables_of
-from ..compiled import kernels
+from ..compiled import layout
 from ..geometry import frozen
 from ..shapes.points import ControlPoints, check_reachable
 from . import paired_kernels
@@ -118,8 +118,8 @@ class CompiledPair:
         """For m points, with what is kept."""
         start = cold_start(m)
         self._cold = np.stack([start.real, start.imag]).astype(np.float32)
-        self._work = aligned(kernels.work_size(m, self._tables.elements.shape[1]))
-        self._u = aligned(2, kernels.pad(m))
+        self._work = aligned(layout.work_size(m, self._tables.elements.shape[1]))
+        self._u = aligned(2, layout.pad(m))
         more = (0, m - self._kept.shape[2])
         self._kept_ids = np.pad(self._kept_ids, ((0, 0), more))
         self._kept = np.pad(self._kept, ((0, 0), (0, 0), more))

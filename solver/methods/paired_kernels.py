@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled.kernels import _kernel, _level, _part, _update, first_suspect
+from ..compiled.layout import _kernel, _part
+from ..compiled.propagation import first_suspect
+from ..compiled.updates import _level, _update
 from .split import ACROSS, HOLD, KEEP, OBLIQUE, TILT
 
 TURNED = -2

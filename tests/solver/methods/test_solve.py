@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import weakref
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -250,16 +251,17 @@ def test_a_shape_is_solved_as_its_points(wanted: Shape, array: TransducerArray) 
 
 
 @pytest.mark.parametrize(
-    ("wanted", "message"),
+    ("make", "message"),
     [
-        (Hand.flat(), r"a Hand has no control points; touch\(hand, mesh\).points has"),
-        (Mesh.cube(), "a Mesh has no control points"),
-        (touch(Hand.flat(), Mesh.cube()), "a Touch is solved by its points and their identities"),
-        (Circle, r"Circle is a class; Circle\(\) makes one"),
-        ("circle", "control points must be .* numbers"),
+        (Hand.flat, r"a Hand has no control points; touch\(hand, mesh\).points has"),
+        (Mesh.cube, "a Mesh has no control points"),
+        (lambda: touch(Hand.flat(), Mesh.cube()), "a Touch is solved by its points and their identities"),
+        (lambda: Circle, r"Circle is a class; Circle\(\) makes one"),
+        (lambda: "circle", "control points must be .* numbers"),
     ],
 )
-def test_what_has_no_control_points_is_refused(wanted: Any, message: str, array: TransducerArray) -> None:
+def test_what_has_no_control_points_is_refused(make: Callable[[], Any], message: str, array: TransducerArray) -> None:
+    wanted = make()
     with pytest.raises(ValueError, match=message):
         solve(array, wanted)
     with pytest.raises(ValueError, match=message):
