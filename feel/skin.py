@@ -142,24 +142,11 @@ class Skin:
 
 
 def displacement(skin: Skin, pressure: ArrayLike, rate: float, spacing: float) -> NDArray[np.float64]:
-    """How a pressure over a regular grid, on an endless skin, moves its surface.
+    """Displacement (t, y, x) into the body, in metres, of an endless skin under a pressure (t, y, x) in Pa over a grid.
 
-    Parameters
-    ----------
-    skin : Skin
-        What it pushes.
-    pressure : (t, y, x) float
-        Normal pressure over one period of a stimulus that repeats, in Pa. A stimulus that does not repeat ends in
-        silence, in which the waves leave.
-    rate : float
-        Of samples in time, in hertz.
-    spacing : float
-        Of the grid, in metres.
-
-    Returns
-    -------
-    (t, y, x) float
-        Displacement into the body, in metres, of all frequencies up to half the rate.
+    The pressure is that of one period of a stimulus that repeats; one that does not must end in silence, in which the
+    waves leave. ``rate`` is the number of samples in a second, ``spacing`` the grid's step in metres. All frequencies
+    up to half the rate are counted.
     """
     pressure = np.asarray(pressure, dtype=np.float64)
     spectra = scipy.fft.rfft(pressure, axis=0).conj()  # SciPy's factor of time is e^{+iωt}

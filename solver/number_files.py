@@ -15,22 +15,10 @@ _METRES = re.compile(r"[\W_]+m\W*$")
 
 
 def csv_rows(text: str, forms: Sequence[str]) -> list[list[float]]:
-    """The numbers in each line of a CSV file.
+    """The numbers in each line of a CSV file, in the order of its form; ``forms`` are those allowed, such as ``x,y,z``.
 
-    A first line without any number has the names of the columns, in any order; without it they are in the order of
-    the form. Empty lines and those that begin with ``#`` are skipped.
-
-    Parameters
-    ----------
-    text : str
-        The whole file.
-    forms : sequence of str
-        The names of the columns in each allowed form, such as ``x,y,z``.
-
-    Returns
-    -------
-    list of list of float
-        The numbers of each line in the order of the form.
+    A first line without any number has the names of the columns, in any order; without it they are in the order of the
+    form. Empty lines and those that begin with ``#`` are skipped.
 
     Raises
     ------

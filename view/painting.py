@@ -123,17 +123,8 @@ class Painter:
     ) -> tuple[list[Painted], dict[str, Any]]:
         """Images of the planes that are on, and their common scale, for the page.
 
-        Parameters
-        ----------
-        snapshot : Snapshot
-        settings : Settings
-        beside : tuple of (k, n) complex
-            Other drives; their horizontal planes are added as the last images.
-
-        Raises
-        ------
-        ValueError
-            If a plane is too close to a transducer.
+        ``beside`` are other drives, (k, n) each; their horizontal planes are added as the last images. `ValueError` if
+        a plane is too close to a transducer.
         """
         quantity = IMAGE_QUANTITIES[settings.quantity]
         wanted = [(name, snapshot.drives) for name in PLANES if getattr(settings, name)]

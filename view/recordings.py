@@ -97,21 +97,10 @@ class RecordedTape:
 
 @contextmanager
 def open_tape(path: Path, array: TransducerArray | None = None) -> Iterator[RecordedTape]:
-    """Open a recording to be shown, while the block lasts.
+    """Open a recording, with one of the suffixes `TAPES`, to be shown while the block lasts.
 
-    Parameters
-    ----------
-    path : Path
-        With one of the suffixes `TAPES`. The hands of a ``.touch`` file are read from the ``.hands`` file beside it.
-    array : TransducerArray, optional
-        Of a recording of touch, which does not name it; the default grid by default.
-
-    Raises
-    ------
-    InputFileError
-        If the file is damaged, or holds nothing.
-    OSError
-        If it cannot be opened.
+    The hands of a ``.touch`` file are read from the ``.hands`` file beside it. A recording of touch does not name its
+    array: ``array`` is it, the default grid by default. `InputFileError` if the file is damaged, or holds nothing.
     """
     suffix = path.suffix.lower()
     if suffix == FRAMES:

@@ -62,20 +62,10 @@ class Emitter:
 
 
 class PlayedPose(NamedTuple):
-    """Control points of one moment, and all fields that were emitted for them.
+    """Control points of one moment, with their ramps, and all fields that were emitted for them.
 
-    Parameters
-    ----------
-    fading : Fading
-        The points, with their ramps.
-    drives : (k, n) complex
-        What the transducers emitted, field by field.
-    method : str
-        By which they were solved; empty if that is not known.
-    solved : PulseFrames, optional
-        What was solved and sent, (k, n).
-    gains : (n,) float, optional
-        By which the solution was scaled.
+    ``drives`` (k, n) are what the transducers emitted, field by field; ``solved`` (k, n) what was solved and sent; and
+    ``gains`` (n,) the factors that scaled the solution. ``method`` is empty if it is not known.
     """
 
     fading: Fading

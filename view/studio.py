@@ -59,16 +59,14 @@ class Studio(Director):
 
     Parameters
     ----------
-    device : Device
-        To play on.
-    array : TransducerArray
-        Of the device.
+    device, array
+        Device to play on, and its transducers.
     shelf : Shelf
-        The objects.
+        Objects to choose from.
     source : HandSource
-        The hands; `MouseHands` are moved by pages.
+        Source of hands; `MouseHands` are moved by pages.
     settings : Settings
-        The first ones.
+        The first settings.
     emulator : Emulator, optional
         The device, if it is emulated in this process.
     unwatched : bool

@@ -59,22 +59,9 @@ def emitter_of(device: Device, array: TransducerArray) -> Emitter:
 class Tap:
     """Shows on a view what a device emits, in a ``with`` statement.
 
-    Call its methods in the playing thread. There it only takes a capture of an emulated device. Its own thread makes
-    the snapshot, and asks a device that is not emulated.
-
-    Parameters
-    ----------
-    device : Device
-        That plays.
-    view : View
-        Shows it.
-    emulator : Emulator, optional
-        The device, if it is emulated in this process; its bits are what is shown then.
-
-    Attributes
-    ----------
-    figures : tuple of (str, str)
-        Label and value of what the page shows about the playing, beside the device's state.
+    Call its methods in the playing thread. There it only takes a capture of ``emulator``, the device if it is emulated
+    in this process; its bits are what is shown then. Its own thread makes the snapshot, and asks a device that is not
+    emulated. ``figures`` are label and value of what the page shows about the playing, beside the device's state.
     """
 
     def __init__(self, device: Device, view: View, emulator: Emulator | None = None) -> None:

@@ -36,19 +36,9 @@ class WaveTables(NamedTuple):
 
 
 def unit_transfer(tables: WaveTables, at: Array) -> Array:
-    """Residual·e^{(ik−α)r}/r of each transducer at points: the transfer matrix of responses and strength 1.
+    """Residual·e^{(ik−α)r}/r of each transducer: the transfer matrix (..., n) of responses and strength 1.
 
-    Parameters
-    ----------
-    tables : WaveTables
-        n transducers.
-    at : (..., 3) float32
-        In metres, relative to the tables' origin.
-
-    Returns
-    -------
-    (..., n) complex64
-        0 behind a transducer's baffle.
+    The points ``at`` (..., 3) are in metres, relative to the tables' origin. Behind a transducer's baffle it is 0.
     """
     elements = tables.elements
     dx, dy, dz = (at[..., axis, None] - elements[row] for axis, row in enumerate((layout.X, layout.Y, layout.Z)))
@@ -104,23 +94,10 @@ def _pressure(tables: WaveTables, emitted: Array, at: Array) -> Array:
 def sum_pressure(
     device: Device, tables: WaveTables, emitted: NDArray[np.complex128], at: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    """Pressure of all transducers, a block of points at a time.
+    """Pressure (k,) of all transducers relative to the tables' strength, in float32, a block of points at a time.
 
-    Parameters
-    ----------
-    device : jax.Device
-        What computes.
-    tables : WaveTables
-        n transducers, of which the tables may have more.
-    emitted : (n,) complex
-        Drives times responses.
-    at : (k, 3) float
-        In metres, relative to the tables' origin.
-
-    Returns
-    -------
-    (k,) complex
-        Relative to the tables' strength, in single precision.
+    ``emitted`` (n,) are drives times responses; the tables may have more transducers. The points ``at`` (k, 3) are in
+    metres, relative to the tables' origin.
     """
     columns = tables.elements.shape[1]
     spread = np.zeros(columns, np.complex64)

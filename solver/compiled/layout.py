@@ -70,8 +70,12 @@ def _part(function: Function) -> Function:
 
 
 def _shared(function: Function) -> Function:
-    """For a long part, compiled once for all kernels of a process, which call it."""
-    return cast(Function, njit(error_model="numpy", fastmath=FAST)(function))
+    """For a long part: numba translates it once for all kernels of a process, and LLVM puts a copy into each.
+
+    Without ``forceinline`` they would call it. A process that compiles would then run the copy that numba made first,
+    and one that loads a kernel from the cache the kernel's own, which LLVM has rounded otherwise.
+    """
+    return cast(Function, njit(error_model="numpy", fastmath=FAST, forceinline=True)(function))
 
 
 def _jitable(function: Function) -> Function:

@@ -90,22 +90,9 @@ def _cut(boxes: Any, links: Any, corners: Any, names: Any, curvature: Any, begin
 
 @part
 def cut_all(scene: Any, poses: Any, quads: Any, hands: bool) -> Any:
-    """Cut all objects.
+    """Cut all objects of a `Scene` at their ``poses`` (o, 4, 3), see `scene.poses`; the rest is as in `cut`.
 
-    Parameters
-    ----------
-    scene : Scene
-    poses : (o, 4, 3) float
-        As `scene.poses` has them.
-    quads : (q, 4, 3) float
-        In metres.
-    hands : bool
-        As in `cut`.
-
-    Returns
-    -------
-    vertices, along, names, rows
-        As `Arcs` has them.
+    Returns vertices, along, names and rows, as `Arcs` has them.
     """
     vertices, along = np.empty((64, 3)), np.empty(64)
     names, rows = np.empty((64, 3), np.int64), np.empty((17, 3), np.int64)
@@ -199,30 +186,16 @@ def _prepare(quad: Any, plane: Any, borders: Any, walls: Any) -> bool:
 def segments(
     quads: Any, pose: Any, boxes: Any, links: Any, corners: Any, names: Any, pieces: Any, ends: Any, places: Any
 ) -> int:
-    """What the quadrilaterals cut out of each face of a solid, and in the solid's coordinates.
+    """Number of segments that the quadrilaterals (q, 4, 3) cut out of the faces of a solid, in its coordinates.
+
+    ``pose`` (4, 3) is the object's, see `scene.poses`; ``boxes``, ``links``, ``corners`` and ``names`` are those of
+    `tables.SolidTables`. Three arrays are written as far as they have room. ``pieces`` (room, 2): quadrilateral and
+    face of each segment, by quadrilateral and then by leaf. Of the segments' starts and stops in turn, ``ends`` (2
+    room, 2): mesh edge, or -1, and side of the quadrilateral, or -1; and ``places`` (2 room, 4): coordinates, and place
+    on the mesh edge.
 
     The loops are one function, and no name of an array gets another array in them: numba counts references, and each
     count costs as much as a node or a face.
-
-    Parameters
-    ----------
-    quads : (q, 4, 3) float
-        In metres.
-    pose : (4, 3) float
-        Of the object: see `scene.poses`.
-    boxes, links, corners, names
-        Of the solid: see `tables.SolidTables`.
-    pieces : (room, 2) int32
-        Written: quadrilateral and face of each segment, by quadrilateral and then by leaf.
-    ends : (2 room, 2) int32
-        Written: of the segments' starts and stops in turn, mesh edge, or -1, and side of the quadrilateral, or -1.
-    places : (2 room, 4) float
-        Written: of the same, coordinates, and place on the mesh edge.
-
-    Returns
-    -------
-    int
-        How many segments there are. If there is less room, only so many are written.
     """
     n, room = 0, len(pieces)
     quad, plane, borders, walls = np.empty((4, 3)), np.empty(15), np.empty((4, 7)), np.empty((4, 4))

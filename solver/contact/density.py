@@ -209,26 +209,12 @@ def strength(piece: Any, place: Any, spacing: Any) -> Any:
 def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, felt: Any, held: Any, spacing: Any) -> Any:
     """Divide the arcs that are felt at their anchors: sharp crossings, the sharper of two too close for two points.
 
-    No sharp crossing that may be an anchor is farther than `CLOSEST` from one.
+    No sharp crossing that may be an anchor is farther than `CLOSEST` from one. The arcs are as from `arrange`; ``felt``
+    (a,) says which have points, and ``held`` (k,) which vertices may be anchors although they are nearer than `SLIGHT`
+    to the end of their arc.
 
-    Parameters
-    ----------
-    starts, closed, curvature, reached
-        Of the arcs, as from `arrange`.
-    felt : (a,) bool
-        Which arcs have points.
-    held : (k,) bool
-        Which vertices may be anchors although they are nearer than `SLIGHT` to the end of their arc.
-    spacing : float
-        In metres.
-
-    Returns
-    -------
-    (s, 3) int
-        Arc, first vertex and last vertex of each stretch, in their order.
-    (s, 2) float
-        Distance from each end of the stretch to the point nearest to it, in steps: 1 at an anchor, ½ at an end, 0 at
-        both ends of a closed arc without anchors.
+    Returns arc, first vertex and last vertex of each stretch, (s, 3), and the distance from each of its ends to the
+    point nearest to it, (s, 2), in steps: 1 at an anchor, ½ at an end, 0 at both ends of a closed arc without anchors.
     """
     spans, gaps = np.empty((reached.size + closed.size, 3), np.int64), np.empty((reached.size + closed.size, 2))
     anchors = np.empty(reached.size, np.int64)
@@ -274,26 +260,12 @@ def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, felt: Any,
 
 @part
 def counts(lengths: Any, steps: Any, gaps: Any, before: Any, room: Any, spacing: Any) -> Any:
-    """How many points are on each stretch between its ends, anchors not counted.
+    """How many points (s,) are on each stretch between its ends, anchors not counted; at least one without an anchor.
 
-    Parameters
-    ----------
-    lengths : (s,) float
-        Arc lengths of the stretches, in metres.
-    steps : (s,) float
-        Integrals of the density over them.
-    gaps : (s, 2) float
-        As from `stretches`.
-    before : (s,) int
-        How many were there in the frame before, -1 on an arc that is new. That many stay as long as they fit within
-        `HOLD` or `SLACK`; else their number becomes the nearest that does.
-    room : int
-        Most points on all stretches together. If more are wanted, the density of all of them is lowered alike.
-
-    Returns
-    -------
-    (s,) int
-        A stretch without an anchor has at least one.
+    Of the stretches (s,), ``lengths`` are arc lengths in metres, ``steps`` integrals of the density, ``gaps`` as from
+    `stretches`, and ``before`` how many points were there in the frame before, -1 on an arc that is new. That many stay
+    as long as they fit within `HOLD` or `SLACK`; else their number becomes the nearest that does. If more are wanted
+    than there is ``room`` for, the density of all is lowered alike.
     """
     wanted = np.empty(steps.size, np.int64)
     if _fill(1.0, lengths, steps, gaps, before, spacing, wanted) <= room:

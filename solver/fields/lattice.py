@@ -97,27 +97,10 @@ def spectrum_size(lattice: Lattice, counts: tuple[int, ...], per_pitch: int) -> 
 def shifts_over(
     lattice: Lattice, grid: Grid, height: float, per_pitch: int, medium: Medium, precision: Precision
 ) -> Shifts:
-    """From drives to the field over a plane.
+    """From drives to the field over a plane at a height in metres; `ValueError` if a sample is too close for the model.
 
-    Parameters
-    ----------
-    lattice : Lattice
-        The array.
-    grid : Grid
-        Its first two axes are x and y.
-    height : float
-        Of the plane, in metres.
-    per_pitch : int
-        The array's pitch divided by the grid's step.
-    medium : Medium
-        The air.
-    precision : {"double", "single"}
-        Of the field of one transducer; its transform has it too, and is kept in single precision.
-
-    Raises
-    ------
-    ValueError
-        If a sample is too close for the transducer's model.
+    The first two axes of the grid are x and y, and the array's pitch is ``per_pitch`` of its steps. ``precision`` is
+    that of the field of one transducer and of its transform, which is kept in single precision.
     """
     high, wide = spectrum_size(lattice, grid.counts, per_pitch)
     columns, rows = lattice.counts

@@ -81,20 +81,9 @@ def way_of(tables: ArrayTables, method: str, options: Options) -> tuple[Any, ...
 
 
 class CompiledEngine:
-    """One update at a time in float32, with its buffers and the phases of the last one.
+    """One update at a time in float32, with its buffers and the phases of the last one, by a method that has kernels.
 
-    Parameters
-    ----------
-    array : TransducerArray
-        n transducers.
-    medium : Medium
-        The air.
-    method : str
-        One of `METHODS` that has kernels.
-    options : Options
-        With an output policy.
-    threads : int, optional
-        That a big problem is shared among, `THREADS` by default. They do not change a bit of the result.
+    ``threads``, `THREADS` by default, share a big problem; they do not change a bit of the result.
     """
 
     def __init__(

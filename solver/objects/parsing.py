@@ -127,14 +127,8 @@ all: {written(Placement)}
 def parse_object(text: str, status: Callable[[str], None] | None = None) -> MovingObject:
     """Read an object such as ``cube``, ``sphere:size=0.06,x=0.02,turn=90``, ``cup.stl:scale=0.001`` or ``ct:level=9``.
 
-    The centre of its bounding box is put at x, y and z, by default those of the paper's shapes.
-
-    Parameters
-    ----------
-    text : str
-        A shape of the paper or the name of a file, and parameters after a colon.
-    status : function, optional
-        Is called with a line of text for each stage, for people who wait while a file is read.
+    The centre of its bounding box is put at x, y and z, by default those of the paper's shapes. ``status`` is called
+    with a line of text for each stage, for people who wait while a file is read.
 
     Raises
     ------

@@ -200,21 +200,12 @@ RING = 0.03  # metres: radius of the ring that is looked at beside the single fo
 
 @dataclass(frozen=True)
 class AtHeight:
-    """How well the array works at a height.
+    """How well the array works at a height in metres.
 
-    Parameters
-    ----------
-    height : float
-        In metres.
-    focus : float
-        |p| of a single focus above the middle, in Pa (peak).
-    width, depth : float or None
-        Within which it is at least half of that, across and along the axis, in metres; None if that is farther than
-        four neighbourhoods of `focus_report`.
-    ring : float
-        Mean |p| of a ring of points of 6 cm, in Pa (peak).
-    contrast : float
-        Strongest lobe beside the ring's points relative to their mean, in dB.
+    ``focus`` is |p| of a single focus above the middle, and ``ring`` the mean |p| of a ring of points of 6 cm, in Pa
+    (peak). Within ``width`` and ``depth`` it is at least half of that, across and along the axis, in metres; None if
+    that is farther than four neighbourhoods of `focus_report`. ``contrast`` is the strongest lobe beside the ring's
+    points relative to their mean, in dB.
     """
 
     height: float
