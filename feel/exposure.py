@@ -186,7 +186,7 @@ def exposure_limit(
     at : (j, 3) float or None
         Places, in metres; `seated` if None.
     limit_db : float
-        In dB re 20 µPa rms.
+        Limit in dB re 20 µPa rms.
     medium : Medium, optional
         The air; 20 °C by default.
 

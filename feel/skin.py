@@ -49,9 +49,9 @@ class Skin:
     stiffness : float
         Static shear modulus, in Pa.
     viscosity : float
-        Of shear, in Pa·s.
+        Shear viscosity in Pa·s.
     density : float
-        In kg/m³.
+        Density in kg/m³.
     poisson : float
         Poisson's ratio ν. Tissue is so hard to compress that it is 1/2 in all but the fifth digit.
 
@@ -92,14 +92,14 @@ class Skin:
         Parameters
         ----------
         wavenumber : (...) float or complex
-            Along the surface, in rad/m, not negative. H continues to complex ones with a negative imaginary part.
+            Wavenumber along the surface in rad/m, at least 0. H continues to those with a negative imaginary part.
         frequency : (...) float
-            In hertz, not negative; the two are broadcast.
+            Frequency in hertz, not negative; the two are broadcast.
 
         Returns
         -------
         (...) complex
-            In m/Pa; infinite where both are 0, because a steady pressure on all of the surface moves the body away.
+            H in m/Pa; infinite where both are 0, because a steady pressure on all of the surface moves the body away.
         """
         k, f = array_of("wavenumber", wavenumber, np.complex128), as_frequencies(frequency)
         if not np.abs(k).max(initial=0) < MOST_WAVENUMBER:

@@ -57,7 +57,7 @@ class Comparison:
     emitter : Emitter
         The array and its calibration.
     painter : Painter
-        Of this array.
+        Painter of this array.
     """
 
     def __init__(self, emitter: Emitter, painter: Painter) -> None:

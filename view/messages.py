@@ -40,7 +40,7 @@ def encode(kind: str, fields: Mapping[str, Any], arrays: Mapping[str, NDArray[An
     kind : str
         ``setup``, ``settings``, ``objects``, ``frame`` or ``notice``.
     fields : mapping
-        For JSON.
+        What is written as JSON.
     arrays : mapping of str to array, optional
         uint8, uint32 or float32; other floats and whole numbers are converted to the last two.
     """

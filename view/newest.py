@@ -18,9 +18,9 @@ class NewestTask:
     Parameters
     ----------
     name : str
-        Of the thread.
+        Name of the thread.
     on_error : callable
-        Is called in the thread with an exception of a task; the next task is done all the same.
+        Function that the thread calls with an exception of a task; the next task is done all the same.
     """
 
     def __init__(self, name: str, on_error: Callable[[Exception], None]) -> None:

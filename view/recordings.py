@@ -58,9 +58,9 @@ class RecordedTape:
     emitter : Emitter
         The array for which it was made.
     times : sequence of float
-        Of each moment in seconds, never decreasing, the first at 0.
+        Time of each moment in seconds, never decreasing, the first at 0.
     moment : callable
-        From the number of a moment to what there is to see then; its period is set here.
+        Function from the number of a moment to what there is to see then; its period is set here.
     """
 
     def __init__(self, emitter: Emitter, times: Any, moment: Callable[[int], dict[str, Any]]) -> None:

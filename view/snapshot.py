@@ -39,7 +39,7 @@ class Emitter:
     wiring : Wiring, optional
         Which output drives which transducer, of a device's array.
     calibration : Calibration, optional
-        As it is applied to drives.
+        Calibration as it is applied to drives.
     medium : Medium
         The air.
     """
@@ -82,9 +82,9 @@ class Waves:
     Parameters
     ----------
     transducers : tuple of int
-        Whose they are.
+        Transducers whose waves they are.
     first_tick : int
-        Of the device's time.
+        Tick of the device's time at which they begin.
     bits : (ticks, k) uint8
         0 or 1.
     """
@@ -122,7 +122,7 @@ class Snapshot:
     figures : tuple of (str, str)
         Rates, latencies, counts: label and value, for people.
     waves : Waves, optional
-        Of the outputs that are watched.
+        Waves of the outputs that are watched.
     whole : PlayedPose or str, optional
         Points and all of their fields, if `drives` may be those of several moments; or why there are none.
     """

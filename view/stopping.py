@@ -21,7 +21,7 @@ class Stopper:
     Parameters
     ----------
     device : Device
-        To stop.
+        Device to stop.
     emulator : Emulator, optional
         The device, if it is emulated in this process.
     """

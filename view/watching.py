@@ -49,9 +49,9 @@ def watch(device: Device, array: TransducerArray, emulator: Emulator | None = No
     Parameters
     ----------
     device : Device
-        On which a command plays.
+        Device on which a command plays.
     array : TransducerArray
-        Of the device.
+        Array of the device.
     emulator : Emulator, optional
         The device, if it is emulated in this process.
     """
@@ -128,9 +128,9 @@ class Watch:
         Parameters
         ----------
         points : ControlPoints
-            That it is for.
+            Points that the steps are for.
         steps : sequence of (int, int)
-            As given to `Device.play`; if there are two, both fields are shown.
+            Steps as given to `Device.play`; if there are two, both fields are shown.
         seconds : float
             How long.
         begins : int

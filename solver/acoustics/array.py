@@ -150,7 +150,7 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
         Parameters
         ----------
         ax : matplotlib axes, optional
-            To draw onto; by default those of a new figure of pyplot.
+            Axes to draw onto; by default those of a new figure of pyplot.
         drive : (n,) complex, optional
             Drives: the colour of a dot is the phase, its area the magnitude. Without them, dots without filling are
             transducers that cannot sound.

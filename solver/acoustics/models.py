@@ -63,7 +63,7 @@ def directivity(sine: ArrayLike, radius: float, medium: Medium) -> NDArray[np.fl
     sine : (...) float
         sinθ, the sine of the angle off the piston's axis.
     radius : float
-        Of the piston, in metres.
+        Radius of the piston, in metres.
     medium : Medium
         The air.
     """

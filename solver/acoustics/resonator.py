@@ -44,7 +44,7 @@ class OnePole(NamedTuple):
         Parameters
         ----------
         drive : (t, ...) float or complex
-            In each step.
+            Drive in each step.
         start : (...) complex
             The state before the first.
 
@@ -66,7 +66,7 @@ class OnePole(NamedTuple):
         Parameters
         ----------
         fraction : (...) float
-            Of the step that has passed, 0 to 1.
+            Part of the step that has passed, 0 to 1.
         """
         decayed = np.exp(np.log(self.decay) * np.asarray(fraction, dtype=np.float64))
         return np.asarray((1 - decayed) / (1 - self.decay))
@@ -87,7 +87,7 @@ class Resonator:
     Parameters
     ----------
     frequency : float
-        At which it responds most, in hertz.
+        Frequency at which it responds most, in hertz.
     time_constant : float
         τ of its amplitude, in seconds; `Transducer` names its source.
 

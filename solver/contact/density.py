@@ -79,7 +79,7 @@ def arrange(vertices: Any, names: Any, rows: Any, curvature: Any) -> Any:
         Vertices; the quadrilateral of the piece that begins there, at the last vertex the one that ends there;
         curvature; arc length from the arc's first vertex, in metres.
     (a + 1,), (a,), (a,)
-        Of each of these arcs, its first vertex, whether it is closed, and its object.
+        First vertex of each of these arcs, whether it is closed, and its object.
     """
     points, owners, values = np.empty_like(vertices), np.empty(curvature.size, np.int64), np.empty_like(curvature)
     reached, pieces = np.zeros(curvature.size), len(rows)

@@ -63,9 +63,9 @@ class Focus:
     Parameters
     ----------
     index : int
-        Of the control point.
+        Index of the control point.
     position : (3,) float
-        Of the control point, in metres.
+        Place of the control point, in metres.
     amplitude : float
         Wanted, relative to the other points.
     pressure : float
@@ -73,7 +73,7 @@ class Focus:
     peak : float
         Largest |p| at the point's height within its neighbourhood, in Pa (peak).
     offset : (3,) float
-        From the point to that peak, in metres.
+        Vector from the point to that peak, in metres.
     width : (3,) float or None
         Through the peak along x, y and z: the distance in metres within which |p| is at least half the peak; None if
         it does not fall below that within four neighbourhoods, as between foci that touch.

@@ -34,7 +34,7 @@ class Lattice(NamedTuple):
     Parameters
     ----------
     pitch : float
-        In metres.
+        Pitch in metres.
     cells : (n, 2) int
         Column and row of each transducer, from 0.
     response : (n,) complex

@@ -72,7 +72,7 @@ class Validity:
     bound : float
         The fundamental that no drive exceeds at this focus, peak in Pa.
     shock_distance : float
-        After which a plane wave of this pressure would be a shock, in metres.
+        Distance after which a plane wave of this pressure would be a shock, in metres.
     streaming : float
         Speed that the air gets until the focus if nothing slows it, in m/s.
     """

@@ -33,7 +33,7 @@ class CompiledPair:
     Parameters
     ----------
     array, medium, method, options
-        For which `engine.solves_at_once` is true.
+        A case for which `engine.solves_at_once` is true.
     """
 
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:

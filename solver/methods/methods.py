@@ -32,7 +32,7 @@ class Problem(NamedTuple):
     limits : (n,) float
         Largest magnitude of each drive.
     options : Options
-        With an output policy.
+        Options with an output policy.
     phases : callable
         Takes A·W·Aᴴ (m, m) and ``"unit"`` or ``"power"``, and returns the phases (m,) of unit modulus that
         `reference.phase_iteration` finds. Its iteration begins with the last phases of the same points.

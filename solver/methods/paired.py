@@ -21,9 +21,9 @@ class Pair(NamedTuple):
     Parameters
     ----------
     split : Split
-        Of the points.
+        Split of the points.
     drives : (2, n) complex
-        Of each half, at full strength; 0 without a second half.
+        Drives of each half, at full strength; 0 without a second half.
     levels : (2,) float
         Factor of each half, at most 1, with which both are equally loud relative to the wanted amplitudes.
     """
@@ -49,9 +49,9 @@ class EnginePair:
     Parameters
     ----------
     first, second : Engine
-        Of the halves, for the same array.
+        Engines of the halves, for the same array.
     transducers : int
-        Of that array.
+        Number of transducers of that array.
     """
 
     def __init__(self, first: Engine, second: Engine, transducers: int) -> None:

@@ -79,7 +79,7 @@ def limit_drive(drive: Complex, limits: Real, output: Output) -> Complex:
     Parameters
     ----------
     drive : (n,) complex
-        Of any scale.
+        Drive of any scale.
     limits : (n,) float
         Largest magnitude of each.
     output : {"solved", "phase", "limited"}

@@ -29,7 +29,7 @@ class MovingObject:
     mesh : Mesh
         The object as it is at the time 0.
     velocity : (3,) float
-        In metres per second.
+        Velocity in metres per second.
     spin : float
         Degrees per second about the vertical through the object's centre, counterclockwise from above.
 

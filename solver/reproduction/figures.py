@@ -56,11 +56,11 @@ class Technique:
     Parameters
     ----------
     name : str
-        For people.
+        Name for people.
     method : str
         A key of `METHODS`.
     options : mapping of str
-        Of the method.
+        Options of the method.
     """
 
     name: str
@@ -95,7 +95,7 @@ class Rendering:
     points : ControlPoints
         What was wanted.
     field : PlaneField
-        Over the plane of the points.
+        Field over the plane of the points.
     report : FocusReport
         What became of the points.
     """

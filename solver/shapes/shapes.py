@@ -65,7 +65,7 @@ class Strokes:
     Parameters
     ----------
     curves : tuple of Curve
-        At least one.
+        One curve or more.
     count : int or None
         How many points they share if no spacing is asked for. None means one every `SPACING`.
     """
@@ -207,11 +207,11 @@ class Circle(Drawn):
     Parameters
     ----------
     radius : float
-        Of the circle.
+        Radius of the circle.
     height : float
-        Of its plane above the array.
+        Height of its plane above the array.
     x, y : float
-        Of its centre.
+        Place of its centre.
     """
 
     radius: float = 0.04
@@ -235,13 +235,13 @@ class Sphere(Drawn):
     Parameters
     ----------
     radius : float
-        Of the sphere.
+        Radius of the sphere.
     height : float
-        Of its centre above the array.
+        Height of its centre above the array.
     palm : float
         Height of the palm above the array.
     x, y : float
-        Of its centre.
+        Place of its centre.
 
     Raises
     ------
@@ -282,15 +282,15 @@ class Polygon(Drawn):
     Parameters
     ----------
     sides : int
-        At least 3.
+        Number of sides, at least 3.
     radius : float
-        From the centre to a corner.
+        Distance from the centre to a corner.
     rotation : float
         Counterclockwise, in degrees; without it, one side faces -y.
     height : float
-        Of its plane above the array.
+        Height of its plane above the array.
     x, y : float
-        Of its centre.
+        Place of its centre.
     """
 
     sides: int = 4
@@ -350,13 +350,13 @@ class Rings(Drawn):
     Parameters
     ----------
     radius : float
-        Of each ring.
+        Radius of each ring.
     distance : float
-        Between their centres, which lie on both sides along x; less than two radii.
+        Distance of their centres, which lie on both sides along x; less than two radii.
     height : float
-        Of their plane above the array.
+        Height of their plane above the array.
     x, y : float
-        Of the middle.
+        Place of the middle.
 
     Notes
     -----
@@ -397,13 +397,13 @@ class Star(Drawn):
     Parameters
     ----------
     radius : float
-        From the centre to a tip.
+        Distance from the centre to a tip.
     rotation : float
         Counterclockwise, in degrees; without it, a tip faces +y.
     height : float
-        Of its plane above the array.
+        Height of its plane above the array.
     x, y : float
-        Of its centre.
+        Place of its centre.
 
     Notes
     -----
@@ -438,9 +438,9 @@ class Concentric(Drawn):
     outer, inner : float
         Radii. At the default ratio of three, 24 and 8 points are equally spaced.
     height : float
-        Of their plane above the array.
+        Height of their plane above the array.
     x, y : float
-        Of the centre.
+        Place of the centre.
     """
 
     outer: float = 0.045
@@ -469,13 +469,13 @@ class Asterisk(Drawn):
     Parameters
     ----------
     radius : float
-        From the centre to the tips.
+        Distance from the centre to the tips.
     rotation : float
         Counterclockwise, in degrees; without it, an arm faces +y.
     height : float
-        Of its plane above the array.
+        Height of its plane above the array.
     x, y : float
-        Of the centre.
+        Place of the centre.
 
     Notes
     -----
