@@ -113,8 +113,8 @@ def place_envelopes(
                 ahead = ahead * passed + weight[power]
             wave = complex(arrival[i, q]) * complex(math.cos(2 * math.pi * passed), -math.sin(2 * math.pi * passed))
             column = int(whole) - first
-            for at, part in ((column, wave * (1 - ahead)), (column - 1, wave * ahead)):
-                a, b = np.float32(part.real), np.float32(part.imag)
+            for at, share in ((column, wave * (1 - ahead)), (column - 1, wave * ahead)):
+                a, b = np.float32(share.real), np.float32(share.imag)
                 for r in range(fields.shape[2]):
                     u, v = fields[0, q, r], fields[1, q, r]
                     re[i, at, r] += a * u - b * v
