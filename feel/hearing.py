@@ -249,11 +249,7 @@ def _arriving_pulses(
 
 
 def _beam(
-    array: TransducerArray,
-    points: NDArray[np.float64],
-    medium: Medium,
-    reach: float,
-    frequency: NDArray[np.float64],
+    array: TransducerArray, points: NDArray[np.float64], medium: Medium, reach: float, frequency: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
     """The integral along the beam of e^{−iω(s + R − R₀)/c}·D/R, (j, f); R₀ is the distance from the array's middle."""
     normal = array.normals.mean(axis=0)

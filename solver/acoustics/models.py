@@ -86,11 +86,7 @@ def _piston(
 
 
 def _rayleigh(
-    kernel: Kernel,
-    transducer: Transducer,
-    sine: NDArray[np.float64],
-    distance: NDArray[np.float64],
-    medium: Medium,
+    kernel: Kernel, transducer: Transducer, sine: NDArray[np.float64], distance: NDArray[np.float64], medium: Medium
 ) -> NDArray[np.complex128]:
     rings = face_rings(transducer.face, medium.wavenumber)
     smooth = integrate(kernel, rings, sine.ravel() ** 2, 1 / distance.ravel(), medium.wavenumber)

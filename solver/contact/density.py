@@ -31,17 +31,7 @@ import numpy as np
 from ...base.compiling import part
 from .curvature import SHARP
 
-__all__ = [
-    "CLOSEST",
-    "FULL",
-    "SLIGHT",
-    "arrange",
-    "counts",
-    "locate",
-    "measure",
-    "strength",
-    "stretches",
-]
+__all__ = ["CLOSEST", "FULL", "SLIGHT", "arrange", "counts", "locate", "measure", "strength", "stretches"]
 
 CLOSEST = 6e-3
 """Least mean distance in metres between points on a stretch: where points crowd under some 6 mm, solving needs

@@ -164,11 +164,7 @@ class FocusReport(Drawable):
                 relative = [focus.pressure / focus.amplitude for focus in foci]
                 axes.bar([focus.index for focus in foci], relative, **dict[str, Any](color=colour, label=label) | style)
         axes.axhline(self.mean, color="0.3", linestyle="--", linewidth=1, label="mean |p|")
-        axes.set(
-            title=title,
-            xlabel="control point",
-            ylabel="|p| / amplitude / Pa",
-        )
+        axes.set(title=title, xlabel="control point", ylabel="|p| / amplitude / Pa")
         axes.locator_params(axis="x", integer=True)
         axes.legend(loc="lower right")
         return axes
@@ -225,11 +221,7 @@ class FocusReport(Drawable):
 
 
 def focus_report(
-    array: TransducerArray,
-    drive: ArrayLike,
-    points: Wanted,
-    medium: Medium | None = None,
-    grid: Grid | None = None,
+    array: TransducerArray, drive: ArrayLike, points: Wanted, medium: Medium | None = None, grid: Grid | None = None
 ) -> FocusReport:
     """See what a drive makes of control points.
 

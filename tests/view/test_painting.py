@@ -50,10 +50,7 @@ def paint(snapshot: Snapshot, array: TransducerArray = ARRAY, **values: Any) -> 
 @pytest.mark.parametrize("name", PLANES)
 @pytest.mark.parametrize(
     "array",
-    [
-        pytest.param(ARRAY, id="flat"),
-        pytest.param(ARRAY.rotated(7, (1, 0, 0)), marks=pytest.mark.slow, id="tilted"),
-    ],
+    [pytest.param(ARRAY, id="flat"), pytest.param(ARRAY.rotated(7, (1, 0, 0)), marks=pytest.mark.slow, id="tilted")],
 )
 @settings(max_examples=5)
 @given(at=st.floats(0.1, 0.2), seed=st.integers(0, 2**32 - 1))

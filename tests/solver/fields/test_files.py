@@ -132,10 +132,7 @@ def test_other_npz_files_are_refused(tmp_path: Path) -> None:
         ({"medium": np.array([20j, 4e4, 50, 1e5])}, "4 numbers are expected"),
         ({"medium": np.array([20, 4e4, 500, 1e5])}, "humidity 500"),
         ({"point_positions": np.full((17, 3), np.nan)}, "control point 0"),
-        (
-            {"array_positions": np.zeros((320, 3), complex)},
-            "transducer positions .* must be numbers: they are complex",
-        ),
+        ({"array_positions": np.zeros((320, 3), complex)}, "transducer positions .* must be numbers: they are complex"),
     ],
 )
 def test_invalid_contents_are_refused(

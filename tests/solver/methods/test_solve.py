@@ -370,10 +370,7 @@ def test_repeated_points_without_regularisation_are_refused(
     [
         ([0, 0, -0.1], "control point 1 at .* is on the array or behind it"),
         ([0, 0, 0], "is on the array or behind it"),
-        (
-            [5.15e-3, 5.15e-3, 1e-3],
-            "control point 1 at .* closer to a transducer than 0.0045 m, where its model ends",
-        ),
+        ([5.15e-3, 5.15e-3, 1e-3], "control point 1 at .* closer to a transducer than 0.0045 m, where its model ends"),
         ([0, 0, 2.5], "control point 1 at .* is out of reach, more than 2 m away; coordinates are in metres"),
     ],
 )
