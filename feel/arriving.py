@@ -44,8 +44,6 @@ def behind(array: TransducerArray, at: PointsLike) -> NDArray[np.bool_]:
 def responses(array: TransducerArray, at: PointsLike, medium: Medium) -> NDArray[np.complex128]:
     """Pressure at each place per unit drive of each transducer, (j, n), and never 0 because of a baffle.
 
-    Notes
-    -----
     The models are of pistons in an endless baffle, behind which there is nothing (`transfer_matrix`). Real housings let
     sound around them, less the further it turns. So beside and behind a transducer its wave is taken as strong as that
     of a baffled piston at 90°, at the same distance. It is a bound as far as the piston goes; sound that housings,

@@ -61,8 +61,6 @@ def a_weighting(frequency: ArrayLike) -> NDArray[np.float64]:
 def square_pulses(drives: ArrayLike) -> NDArray[np.complex64]:
     """Duty and moment of the pulses of intended drives, (t, n), as `hil.EmittedWaves.pulses` has them from bits.
 
-    Notes
-    -----
     A drive a·e^{iθ} is a pulse of the duty d = arcsin(a)/π around the moment θ/2π of the period. What reaches beyond an
     end of the period is high at its other end.
     """

@@ -157,8 +157,6 @@ def displacement(skin: Skin, pressure: ArrayLike, rate: float, spacing: float) -
 def displaced(skin: Skin, spectra: NDArray[Wave], frequencies: NDArray[np.float64], spacing: float) -> NDArray[Wave]:
     """The complex amplitudes (f, y, x) of displacement, in metres, that those of pressure, in Pa, make.
 
-    Notes
-    -----
     A convolution by FFT with the displacement around a point, cut off beyond the diagonal of the grid: so nothing
     comes round, however far waves go (Vico, Greengard and Ferrando, J. Comput. Phys. 323, 191, 2016).
     """

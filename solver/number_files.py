@@ -20,13 +20,8 @@ def csv_rows(text: str, forms: Sequence[str]) -> list[list[float]]:
     A first line without any number has the names of the columns, in any order; without it they are in the order of the
     form. Empty lines and those that begin with ``#`` are skipped.
 
-    Raises
-    ------
-    ValueError
-        If a line has another form than one of these, or than the first, or the names are others or state another unit
-        than metres.
-    csv.Error
-        If the file is no CSV.
+    `ValueError` if a line has another form than one of these, or than the first, or the names are others or state
+    another unit than metres; `csv.Error` if the file is no CSV.
     """
     return _rows(csv.reader(text.splitlines()), forms, ",")
 

@@ -70,14 +70,8 @@ def saved_from(view: View, path: Path, seconds: float) -> Iterator[Callable[[], 
     The block gets a function that says when it can end. The view was made for saving, ``path`` has a suffix as in
     `suffix_of`, and a video lasts for ``seconds``.
 
-    Raises
-    ------
-    MissingExtraError
-        If no browser is found.
-    PhasewireError
-        If the browser has sent no picture.
-    OSError
-        If the file cannot be written.
+    `MissingExtraError` if no browser is found; `PhasewireError` if the browser has sent no picture; `OSError` if the
+    file cannot be written.
     """
     kind = suffix_of(path)[1:]
     url = f"{view.url}&save={kind}&seconds={seconds:g}"

@@ -60,10 +60,7 @@ def encode(kind: str, fields: Mapping[str, Any], arrays: Mapping[str, NDArray[An
 def read_command(text: str) -> PageCommand:
     """What a page asks for.
 
-    Raises
-    ------
-    ValueError
-        If the text is none of the possible commands.
+    `ValueError` if the text is none of the possible commands.
     """
     try:
         said = json.loads(text)

@@ -123,10 +123,7 @@ class Settings:
     def changed(self, values: Mapping[str, Any], choices: Choices) -> Settings:
         """These settings with others from a page.
 
-        Raises
-        ------
-        ValueError
-            If the session has no such setting, or a value is not possible; the message names it.
+        `ValueError` if the session has no such setting, or a value is not possible; the message names it.
         """
         checked: dict[str, Any] = {}
         for name, value in values.items():

@@ -50,10 +50,7 @@ class Stopper:
     def serve(self) -> None:
         """Do what is left to the playing thread, which calls this in each turn.
 
-        Raises
-        ------
-        DeviceError
-            If the device cannot be reached.
+        `DeviceError` if the device cannot be reached.
         """
         if self._wanted.is_set():
             self._wanted.clear()

@@ -145,10 +145,7 @@ class Studio(Director):
     def run(self, view: View, over: Callable[[], bool] = lambda: False) -> None:
         """Play until it is over, or the hands end.
 
-        Raises
-        ------
-        PhasewireError
-            If the tracker is lost.
+        `PhasewireError` if the tracker is lost.
         """
         self._view, self._over = view, over
         self._shelving = NewestTask("phasewire shelf", lambda error: self._say(str(error)))

@@ -83,10 +83,7 @@ class Watch:
     def check(self) -> None:
         """Carry out a stop that a page has asked for.
 
-        Raises
-        ------
-        DeviceRefusedError
-            If a page has stopped the command, or the last one was closed.
+        `DeviceRefusedError` if a page has stopped the command, or the last one was closed.
         """
         self._stopper.serve()
         self._stopper.check()

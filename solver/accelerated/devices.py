@@ -52,12 +52,7 @@ def device_for(backend: Backend, hindrance: str | None) -> Device | None:
 def cuda_device() -> Device:
     """The first CUDA device.
 
-    Raises
-    ------
-    MissingExtraError
-        If JAX is not installed.
-    LookupError
-        If it finds no device.
+    `MissingExtraError` if JAX is not installed; `LookupError` if it finds no device.
     """
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # or JAX takes most of the GPU's memory at once
     with needing("gpu", "a GPU"):

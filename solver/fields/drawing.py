@@ -72,10 +72,7 @@ def draw_oil(
 ) -> Axes:
     """Draw the surface of oil that a field pushes down, lit from the upper left at a shallow angle.
 
-    Raises
-    ------
-    ValueError
-        If the plane is not horizontal.
+    `ValueError` if the plane is not horizontal.
     """
     surface = oil_surface(field, oil)
     marked = None if points is None else control_points(points)

@@ -123,10 +123,7 @@ def shifts_over(
 def lattice_of(array: TransducerArray) -> Lattice:
     """The square grid on which a flat array stands.
 
-    Raises
-    ------
-    ValueError
-        If the array is not flat and horizontal, looks more than one way, or does not stand on such a grid.
+    `ValueError` if the array is not flat and horizontal, looks more than one way, or does not stand on such a grid.
     """
     flat = np.abs(array.positions[:, 2] - array.positions[0, 2]) <= OFF_GRID
     alike = np.abs(array.normals - array.normals[0]).max(axis=1) <= OFF_GRID

@@ -42,8 +42,6 @@ def _steepening(medium: Medium) -> float:
 def fundamental(distortion: float) -> float:
     """The part of a fundamental that remains after so much distortion, 1 at 0; of a wave that began as a sine.
 
-    Notes
-    -----
     Blackstock's solution, which joins Fubini's, 2·J₁(σ)/σ up to σ = 1, with Fay's sawtooth, 2/(1 + σ) from about 3 on
     (D. T. Blackstock, J. Acoust. Soc. Am. 39, 1019, 1966): B₁ = (2/π)·V + (2/(πσ))·∫_{φ}^{π} cos(x − σ·sin x) dx, with
     the shock V = sin φ, φ = σ·sin φ.

@@ -52,10 +52,7 @@ class CompiledPair:
     def solve(self, points: ControlPoints, ids: NDArray[np.int64]) -> Pair:
         """The next frame.
 
-        Raises
-        ------
-        ValueError
-            If a point cannot be reached.
+        `ValueError` if a point cannot be reached.
         """
         m = len(points)
         if m > self._kept.shape[2]:

@@ -112,10 +112,7 @@ class CompiledEngine:
     ) -> NDArray[np.complex128]:
         """Drives (n,) for control points; see `Engine.drive`.
 
-        Raises
-        ------
-        ValueError
-            If a point cannot be reached.
+        `ValueError` if a point cannot be reached.
         """
         m = len(points.positions)
         if m > self._most:
@@ -220,10 +217,7 @@ class CompiledEngine:
     def drive_frames(self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[Any]) -> None:
         """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n).
 
-        Raises
-        ------
-        ValueError
-            As `drive`.
+        `ValueError` as `drive`.
         """
         largest = max(len(points) for points in frames)
         if self._uses.polished or not self._timeless or self._is_big(largest):

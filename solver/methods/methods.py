@@ -229,10 +229,7 @@ METHODS = Methods()
 def options_of(method: str, values: Mapping[str, Any] | None = None) -> Options:
     """Options of a method, with its own output policy if none is named.
 
-    Raises
-    ------
-    ValueError
-        If the method is unknown or cannot be loaded, does not heed an option, or a value is out of range.
+    `ValueError` if the method is unknown or cannot be loaded, does not heed an option, or a value is out of range.
     """
     if not isinstance(method, str) or method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known are {', '.join(METHODS)}")

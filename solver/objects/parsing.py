@@ -130,12 +130,8 @@ def parse_object(text: str, status: Callable[[str], None] | None = None) -> Movi
     The centre of its bounding box is put at x, y and z, by default those of the paper's shapes. ``status`` is called
     with a line of text for each stage, for people who wait while a file is read.
 
-    Raises
-    ------
-    ValueError
-        If the object or a parameter is unknown, or a value is of the wrong kind; the message names it.
-    InputFileError, OSError
-        If a file cannot be read.
+    `ValueError` if the object or a parameter is unknown, or a value is of the wrong kind; the message names it.
+    `InputFileError` or `OSError` if a file cannot be read.
     """
     name = object_name(text)
     parameters = text[len(name) + 1 :]

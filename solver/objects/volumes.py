@@ -100,10 +100,7 @@ class Volume:
 
         The space outside the grid counts as the smallest of its values, so that the surface is closed there too.
 
-        Raises
-        ------
-        ValueError
-            If the level is not within the values, or the surface has more than `MOST_FACES` faces.
+        `ValueError` if the level is not within the values, or the surface has more than `MOST_FACES` faces.
         """
         from skimage import measure
 

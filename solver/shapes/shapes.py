@@ -526,12 +526,8 @@ def shape_help() -> str:
 def read_vertices(text: str) -> Vertices:
     """Places from text, ``x:y:z/x:y:z/…`` in metres, or from the file of points that it names.
 
-    Raises
-    ------
-    ValueError
-        If it is neither.
-    InputFileError, OSError
-        If the file cannot be read, or its points have amplitudes.
+    `ValueError` if it is neither; `InputFileError` or `OSError` if the file cannot be read, or its points have
+    amplitudes.
     """
     if Path(text).suffix.lower() not in POINT_FILES:
         return tuple(tuple(spelt(number) for number in vertex.split(":")) for vertex in text.split("/"))
