@@ -53,14 +53,8 @@ TICK_SECONDS = 1 / 30
 class RecordedTape:
     """Snapshots of a recording, by carrier periods from its beginning.
 
-    Parameters
-    ----------
-    emitter : Emitter
-        The array for which it was made.
-    times : sequence of float
-        Time of each moment in seconds, never decreasing, the first at 0.
-    moment : callable
-        Function from the number of a moment to what there is to see then; its period is set here.
+    ``times`` are those of each moment in seconds, never decreasing, the first at 0; ``moment`` makes of the number of a
+    moment what there is to see then. Its period is set here.
     """
 
     def __init__(self, emitter: Emitter, times: Any, moment: Callable[[int], dict[str, Any]]) -> None:

@@ -69,17 +69,7 @@ class ObjectSetting:
 
 @dataclass(frozen=True)
 class Choices:
-    """What can be chosen in a session.
-
-    Parameters
-    ----------
-    groups : frozenset of str
-        Those of `GROUPS` that can be set.
-    transducers : int
-        Their number.
-    methods, quantities, object_kinds : tuple of str
-        Possible values.
-    """
+    """What can be chosen in a session: which `GROUPS`, how many transducers there are, and the values of others."""
 
     groups: frozenset[str]
     transducers: int

@@ -77,17 +77,7 @@ class PlayedPose(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """The square waves of some outputs.
-
-    Parameters
-    ----------
-    transducers : tuple of int
-        Transducers whose waves they are.
-    first_tick : int
-        Tick of the device's time at which they begin.
-    bits : (ticks, k) uint8
-        0 or 1.
-    """
+    """The square waves of some outputs: levels (ticks, k) of k transducers from a tick of the device's time on."""
 
     transducers: tuple[int, ...]
     first_tick: int

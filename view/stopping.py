@@ -17,13 +17,6 @@ class Stopper:
 
     A thread of its own brings the stop to a device. An emulated device in this process is the playing thread's alone,
     which looks for a stop in each turn (`serve`).
-
-    Parameters
-    ----------
-    device : Device
-        Device to stop.
-    emulator : Emulator, optional
-        The device, if it is emulated in this process.
     """
 
     def __init__(self, device: Device, emulator: Emulator | None) -> None:

@@ -101,15 +101,7 @@ class Tap:
         return self._view.server.pages > 0 and time.monotonic() - self._taken >= self._gap
 
     def take(self, turns: Alternation | None = None, **seen: Any) -> None:
-        """Show a snapshot of this moment.
-
-        Parameters
-        ----------
-        turns : Alternation, optional
-            How fields take turns; by default there is one.
-        **seen
-            Other fields of `Snapshot`.
-        """
+        """Show a snapshot of this moment, with other fields of `Snapshot`; ``turns`` says how fields take turns."""
         self._take(turns, lambda: seen)
 
     def take_moment(self, moment: TouchMoment, loop: TouchLoop) -> None:
@@ -224,16 +216,10 @@ class Tap:
     def _newest_whole(
         self, poses: Sequence[PlayedPose], plays: list[tuple[int, NDArray[Any]]], why: str
     ) -> PlayedPose | str:
-        """The newest moment of which all fields have been played, or why there is none.
+        """The newest moment of which all fields have been played, or ``why`` there is none.
 
-        Parameters
-        ----------
-        poses : sequence of PlayedPose
-            What was solved for the last moments, the newest first.
-        plays : list of (int, (n,) complex)
-            What was emitted last: the number of the field in its cycle, and its drives; the newest first.
-        why : str
-            What to say if there is none.
+        ``poses`` are what was solved for the last moments, and ``plays`` what was emitted last: the number of the field
+        in its cycle, and its drives (n,); the newest first in both.
         """
         for pose in poses:
             if (drives := _played(pose, plays)) is not None:

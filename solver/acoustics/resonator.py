@@ -61,13 +61,7 @@ class OnePole(NamedTuple):
         return states
 
     def between(self, fraction: ArrayLike) -> NDArray[np.complex128]:
-        """Weight λ of the next state for a moment within a step: the state there is (1 − λ)·z + λ·(next z), exactly.
-
-        Parameters
-        ----------
-        fraction : (...) float
-            Part of the step that has passed, 0 to 1.
-        """
+        """Weight λ of the next state after a ``fraction`` of a step: the state is (1 − λ)·z + λ·(next z), exactly."""
         decayed = np.exp(np.log(self.decay) * np.asarray(fraction, dtype=np.float64))
         return np.asarray((1 - decayed) / (1 - self.decay))
 

@@ -199,12 +199,9 @@ def pressure_at(
 
 
 def arrivals_at(tables: ArrayTables, array: TransducerArray, points: NDArray[np.float64]) -> NDArray[np.complex64]:
-    """Each transducer's wave at (m, 3) unchecked points per unit drive in pascals, without the phase of its path.
+    """Each transducer's wave (m, n) at unchecked points (m, 3) per unit drive in pascals, its path's phase left out.
 
-    Returns
-    -------
-    (m, n) complex64
-        P₁·polarity·response·residual·e^{−αr}/r: `transfer_matrix` without e^{ikr}.
+    It is P₁·polarity·response·residual·e^{−αr}/r: `transfer_matrix` without e^{ikr}.
     """
     re, im = np.empty((2, len(points), tables.elements.shape[1]), dtype=np.float32)
     kernel: Callable[..., None] = propagation.transfer if len(tables.wave) == 1 else propagation.transfer_by_table

@@ -63,13 +63,9 @@ def arrange(vertices: Any, names: Any, rows: Any, curvature: Any) -> Any:
     A closed arc without a bridge begins at a place that no triangulation decides: at a sharp crossing, if it has one;
     if there are several vertices to begin with, at the farthest in the direction `OUTWARD`.
 
-    Returns
-    -------
-    (k, 3), (k,), (k,), (k,)
-        Vertices; the quadrilateral of the piece that begins there, at the last vertex the one that ends there;
-        curvature; arc length from the arc's first vertex, in metres.
-    (a + 1,), (a,), (a,)
-        First vertex of each of these arcs, whether it is closed, and its object.
+    Returns of each vertex: its place; the quadrilateral of the piece that begins there, at the last vertex the one that
+    ends there; curvature; and arc length from the arc's first vertex, in metres. Then the first vertex of each of these
+    arcs, (a + 1,), whether it is closed, and its object.
     """
     points, owners, values = np.empty_like(vertices), np.empty(curvature.size, np.int64), np.empty_like(curvature)
     reached, pieces = np.zeros(curvature.size), len(rows)
@@ -123,15 +119,10 @@ def _first_vertex(vertices: Any, curvature: Any, begin: int, end: int) -> Any:
 
 @part
 def measure(starts: Any, closed: Any, curvature: Any, reached: Any, spacing: Any) -> Any:
-    """The integral of the density along arcs.
+    """The integral of the density along arcs: steps from the arc's first vertex to each, (k,).
 
-    Returns
-    -------
-    (k,) float
-        Steps from the arc's first vertex to each: the integral of the density.
-    (k, 4) float
-        Of the piece that each vertex begins or is inside: κ₀ and κ₁ in units of `FULL`, lowered if needed, and the
-        arc lengths t₀ and t₁ in metres.
+    Then, (k, 4), of the piece that each vertex begins or is inside: κ₀ and κ₁ in units of `FULL`, lowered if needed,
+    and the arc lengths t₀ and t₁ in metres.
     """
     steps, pieces = np.zeros(reached.size), np.zeros((reached.size, 4))
     fade = 1 / (FADING * spacing)

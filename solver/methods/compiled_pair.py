@@ -28,13 +28,7 @@ __all__ = ["CompiledPair"]
 
 
 class CompiledPair:
-    """Both halves of a frame through `paired_kernels.drive_pair`.
-
-    Parameters
-    ----------
-    array, medium, method, options
-        A case for which `engine.solves_at_once` is true.
-    """
+    """Both halves of a frame through `paired_kernels.drive_pair`, if `engine.solves_at_once`."""
 
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
         self._array, self._tables = array, tables_of(array, medium)

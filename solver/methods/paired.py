@@ -44,15 +44,7 @@ class PairEngine(Protocol):
 
 
 class EnginePair:
-    """An engine for each half, step by step: any method will do.
-
-    Parameters
-    ----------
-    first, second : Engine
-        Engines of the halves, for the same array.
-    transducers : int
-        Number of transducers of that array.
-    """
+    """An engine for each half, for the same array of so many transducers, step by step: any method will do."""
 
     def __init__(self, first: Engine, second: Engine, transducers: int) -> None:
         self._engines, self._transducers = (first, second), transducers

@@ -96,15 +96,12 @@ def drive_pair(
 ) -> int:  # fmt: skip
     """Split points in two halves, and find the drives of each, and the level by which it is to be turned down.
 
-    ``mask`` is this split, known or to be found from the axis of the last one and which points were ``before`` in
-    its first half. Of each half, ``counts``, ``kept_ids`` and ``kept`` are the points of the last frame and their
-    phases. ``work`` and ``u`` are room.
+    ``mask`` is this split, known or to be found from the axis of the last one and which points were ``before`` in its
+    first half. Of each half, ``counts``, ``kept_ids`` and ``kept`` are the points of the last frame and their phases.
+    ``work`` and ``u`` are room.
 
-    Returns
-    -------
-    int
-        `TURNED` if the axis must turn, or else the first suspect point if points are not ``sure``: then nothing was
-        done. Otherwise -1.
+    Returns `TURNED` if the axis must turn, or else the first suspect point if points are not ``sure``: then nothing was
+    done. Otherwise -1.
     """
     m = len(positions)
     if not split_is_known and not holds(positions, amplitudes, ids, axis, before, before_ids, mask):

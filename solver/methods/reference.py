@@ -74,18 +74,11 @@ def phase_iteration(gram: Complex, wanted: Real, start: Complex, steps: int, met
 
 
 def limit_drive(drive: Complex, limits: Real, output: Output) -> Complex:
-    """Bring drives within their limits.
+    """Bring drives (n,) of any scale within their limits.
 
-    Parameters
-    ----------
-    drive : (n,) complex
-        Drive of any scale.
-    limits : (n,) float
-        Largest magnitude of each.
-    output : {"solved", "phase", "limited"}
-        ``"solved"`` scales all alike until one is at its limit. ``"phase"`` sets each to its limit and keeps its phase.
-        ``"limited"`` scales all alike until their root mean square is `HEADROOM` times that of the limits, and cuts off
-        what is above: nearly the accuracy of the first and the strength of the second.
+    ``"solved"`` scales all alike until one is at its limit. ``"phase"`` sets each to its limit and keeps its phase.
+    ``"limited"`` scales all alike until their root mean square is `HEADROOM` times that of the limits, and cuts off
+    what is above: nearly the accuracy of the first and the strength of the second.
     """
     magnitude = np.abs(drive)
     if output == "phase":

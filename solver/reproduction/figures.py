@@ -51,17 +51,7 @@ HEIGHT = 0.20  # metres, of the shapes
 
 @dataclass(frozen=True)
 class Technique:
-    """A way to find drives, as the paper letters them.
-
-    Parameters
-    ----------
-    name : str
-        Name for people.
-    method : str
-        A key of `METHODS`.
-    options : mapping of str
-        Options of the method.
-    """
+    """A way to find drives, as the paper letters them: a key of `METHODS` with options."""
 
     name: str
     method: str
@@ -242,18 +232,10 @@ def reproduce_range(
 
 @dataclass(frozen=True, eq=False)
 class Figure4:
-    """Two-sided modulation of a square of 10 cm.
+    """Two-sided modulation of the points of a square of 10 cm.
 
-    Parameters
-    ----------
-    points : ControlPoints
-        On the square.
-    result : TwoSided
-        The modulation, and its gain.
-    halves : tuple of PlaneField
-        The two fields, Figure 4 a and b.
-    two_sided, one_sided : PlaneField
-        The modulation's component of the intensity |p|², Figure 4 c and d, as its root in Pa, which is a pressure.
+    ``halves`` are the two fields, Figure 4 a and b. ``two_sided`` and ``one_sided`` are the modulation's component of
+    the intensity |p|², Figure 4 c and d, as its root in Pa, which is a pressure.
     """
 
     points: ControlPoints

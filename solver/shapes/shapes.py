@@ -208,10 +208,8 @@ class Circle(Drawn):
     ----------
     radius : float
         Radius of the circle.
-    height : float
-        Height of its plane above the array.
-    x, y : float
-        Place of its centre.
+    height, x, y : float
+        Height of its plane above the array, and place of its centre.
     """
 
     radius: float = 0.04
@@ -287,10 +285,8 @@ class Polygon(Drawn):
         Distance from the centre to a corner.
     rotation : float
         Counterclockwise, in degrees; without it, one side faces -y.
-    height : float
-        Height of its plane above the array.
-    x, y : float
-        Place of its centre.
+    height, x, y : float
+        Height of its plane above the array, and place of its centre.
     """
 
     sides: int = 4
@@ -353,10 +349,8 @@ class Rings(Drawn):
         Radius of each ring.
     distance : float
         Distance of their centres, which lie on both sides along x; less than two radii.
-    height : float
-        Height of their plane above the array.
-    x, y : float
-        Place of the middle.
+    height, x, y : float
+        Height of their plane above the array, and place of the middle.
 
     Notes
     -----
@@ -400,10 +394,8 @@ class Star(Drawn):
         Distance from the centre to a tip.
     rotation : float
         Counterclockwise, in degrees; without it, a tip faces +y.
-    height : float
-        Height of its plane above the array.
-    x, y : float
-        Place of its centre.
+    height, x, y : float
+        Height of its plane above the array, and place of its centre.
 
     Notes
     -----
@@ -437,10 +429,8 @@ class Concentric(Drawn):
     ----------
     outer, inner : float
         Radii. At the default ratio of three, 24 and 8 points are equally spaced.
-    height : float
-        Height of their plane above the array.
-    x, y : float
-        Place of the centre.
+    height, x, y : float
+        Height of their plane above the array, and place of the centre.
     """
 
     outer: float = 0.045
@@ -472,10 +462,8 @@ class Asterisk(Drawn):
         Distance from the centre to the tips.
     rotation : float
         Counterclockwise, in degrees; without it, an arm faces +y.
-    height : float
-        Height of its plane above the array.
-    x, y : float
-        Place of the centre.
+    height, x, y : float
+        Height of its plane above the array, and place of the centre.
 
     Notes
     -----
