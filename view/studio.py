@@ -274,7 +274,7 @@ class Studio(Director):
 
 
 class _Lease:
-    """The hands of a studio for one loop. ``serve`` does what pages have asked for; ``ends`` says if the loop must end."""
+    """The hands of a studio for one loop. ``serve`` does what pages ask for; ``ends`` says if the loop must end."""
 
     def __init__(self, source: HandSource, serve: Callable[[], None], ends: Callable[[], bool]) -> None:
         self._source, self._serve, self._ends = source, serve, ends
