@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from phasewire import ControlPoints, Medium, Solver, TransducerArray, pressure
 from phasewire.base.pictures import new_figure, save_figure
-from phasewire.solver.compiled import block_kernels, kernels
+from phasewire.solver.compiled import block_kernels, layout, updates
 from phasewire.solver.compiled.simd import LANES
 from phasewire.solver.fields.field import PAIRS_PER_SAMPLE
 from phasewire.solver.fields.grid import Grid
@@ -105,7 +105,7 @@ def update(n: int, m: int) -> dict[str, Any]:
         row[method] = fastest(solve)
         if method == "tikhonov":
             row |= {"bytes": memory() - before, "process": memory()}
-    return row | {"work": 4 * kernels.work_size(m, -(-n // LANES) * LANES)}
+    return row | {"work": 4 * layout.work_size(m, -(-n // LANES) * LANES)}
 
 
 def crossing(n: int, m: int) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def crossing(n: int, m: int) -> dict[str, Any]:
     engine = CompiledEngine(array, Medium(), "tikhonov", solver.options)
     engine.drive(cloud(array, m))
     settings = m, n, np.float32(0), STEPS, False, engine._phases[engine._last], engine._work  # γ = 0 leaves B as it is
-    whole, blocks = fastest(lambda: kernels.begin(*settings)), fastest(lambda: block_kernels.begin(*settings))
+    whole, blocks = fastest(lambda: updates.begin(*settings)), fastest(lambda: block_kernels.begin(*settings))
     return {"n": n, "m": m, "whole": whole, "blocks": blocks}
 
 

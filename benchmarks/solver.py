@@ -22,7 +22,7 @@ from numba import njit
 from phasewire import ControlPoints, Solver, TransducerArray, pressure
 from phasewire.solver import METHODS, PlanePropagator, solve_frames
 from phasewire.solver.acoustics.tables import compilation
-from phasewire.solver.compiled import kernels
+from phasewire.solver.compiled import algebra, layout, propagation
 from phasewire.solver.compiled.simd import LANES, load, spread, total
 from phasewire.solver.methods.engine import CompiledEngine
 
@@ -94,35 +94,33 @@ def stages(flops: float) -> Iterator[dict[str, Any]]:
     for m in (8, 32, 128, 512):
         points, engine = cloud(m), CompiledEngine(array, *_settings("tikhonov"))
         engine.drive(points)
-        re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans, _ = kernels.carve(engine._work, m, n)
+        re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans, _ = layout.carve(engine._work, m, n)
         rows, u = len(re), engine._phases[engine._last]
-        wanted, response = vectors[kernels.WANTED], vectors[kernels.RESPONSE]
-        inverse, aim, rhs, y = (
-            vectors[row] for row in (kernels.INVERSE, kernels.SCRATCH, kernels.RHS, kernels.SOLUTION)
-        )
-        reach, weight, x = spans[kernels.REACH], spans[kernels.WEIGHT], spans[kernels.DRIVE]
+        wanted, response = vectors[layout.WANTED], vectors[layout.RESPONSE]
+        inverse, aim, rhs, y = (vectors[row] for row in (layout.INVERSE, layout.SCRATCH, layout.RHS, layout.SOLUTION))
+        reach, weight, x = spans[layout.REACH], spans[layout.WEIGHT], spans[layout.DRIVE]
         tables, mu = engine._tables, np.float32(0.03)
         calls: dict[str, tuple[Callable[[], object], float]] = {
             "model": (
-                lambda: kernels.fill_transfer(
+                lambda: propagation.fill_transfer(
                     elements=tables.elements, directivity=tables.wave[0], turns=tables.turns, nepers=None,
                     points=points.positions, origin=tables.origin, wanted=wanted, re=re[:m], im=im[:m], reach=reach,
                 ),
                 40 * m * n,
             ),
-            "gram": (lambda: kernels.fill_gram(re, im, gram_re, gram_im), 4 * m * m * n),
+            "gram": (lambda: algebra.fill_gram(re, im, gram_re, gram_im), 4 * m * m * n),
             "phases, 20 steps": (
-                lambda: kernels.iterate_phases(gram_re, gram_im, response, rows, 20, False, u, aim),
+                lambda: algebra.iterate_phases(gram_re, gram_im, response, rows, 20, False, u, aim),
                 20 * 8 * m * m,
             ),
             "factorisation": (
-                lambda: kernels.factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse),
+                lambda: algebra.factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse),
                 4 / 3 * m**3,
             ),
             "substitution and back": (
                 lambda: (
-                    kernels.substitute(lower_re, lower_im, inverse, rows, rhs, y),
-                    kernels.back_project(re, im, weight, y, x),
+                    algebra.substitute(lower_re, lower_im, inverse, rows, rhs, y),
+                    algebra.back_project(re, im, weight, y, x),
                 ),
                 8 * m * m + 8 * m * n,
             ),

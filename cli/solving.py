@@ -41,7 +41,7 @@ from ..solver.pictures.vti import save_vti
 from ..solver.shapes.curves import SPACING
 from ..solver.shapes.point_files import POINT_FILES
 from ..solver.shapes.points import REACH
-from ..solver.shapes.shapes import shape_help
+from ..solver.shapes.shapes import parse_shape, shape_help
 from .console import JsonOption, among, console_for, error_console, given, write_json
 from .points import ARCHIVE, ArrayOption, SourceKind, files_in, kind_of, load_array, read_source, shapes_and_files
 
@@ -65,6 +65,14 @@ SolvedArgument = Annotated[
         autocompletion=shapes_and_files((*POINT_FILES, ARCHIVE)),
     ),
 ]
+
+
+def well_spelt(source: str) -> str:
+    """The source, unless it is a misspelt shape, which is refused here: before the command misses an option."""
+    is_shape = kind_of(source) is SourceKind.SHAPE
+    if is_shape and not any(file.exists() for file in files_in(source)):  # the command reads a file once, later
+        parse_shape(source)
+    return source
 
 
 def solved_source(source: str) -> Solution:
@@ -158,6 +166,7 @@ def solve_command(
             metavar="SOURCE",
             help=f"A shape, a file of points ({', '.join(POINT_FILES)}), or - for points on standard input.",
             autocompletion=shapes_and_files(POINT_FILES),
+            callback=well_spelt,
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The .npz file to write.")],

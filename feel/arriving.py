@@ -44,8 +44,6 @@ def behind(array: TransducerArray, at: PointsLike) -> NDArray[np.bool_]:
 def responses(array: TransducerArray, at: PointsLike, medium: Medium) -> NDArray[np.complex128]:
     """Pressure at each place per unit drive of each transducer, (j, n), and never 0 because of a baffle.
 
-    Notes
-    -----
     The models are of pistons in an endless baffle, behind which there is nothing (`transfer_matrix`). Real housings let
     sound around them, less the further it turns. So beside and behind a transducer its wave is taken as strong as that
     of a baffled piston at 90°, at the same distance. It is a bound as far as the piston goes; sound that housings,
@@ -65,32 +63,12 @@ def responses(array: TransducerArray, at: PointsLike, medium: Medium) -> NDArray
 
 
 def arriving(array: TransducerArray, waves: ArrayLike, at: PointsLike, medium: Medium) -> NDArray[np.complex64]:
-    """Pressure phasors at places over time.
+    """Pressure phasors (j, t) at places (j, 3) over time: peak Pa at the beginning of each period of the carrier.
 
-    Parameters
-    ----------
-    array : TransducerArray
-        n transducers.
-    waves : (t, n) complex
-        The phasor that each emits at the beginning of each carrier period; they are taken to repeat, so that their end
-        is still on its way when they begin.
-    at : (j, 3) float
-        Places, in metres.
-    medium : Medium
-        The air; its frequency is the carrier's.
+    ``waves`` (t, n) are the phasors that the transducers emit at the beginning of each period. They are taken to
+    repeat, so that their end is still on its way when they begin. Raises what `transfer_matrix` raises, and
+    `ValueError` for waves of another shape.
 
-    Returns
-    -------
-    (j, t) complex64
-        Peak pressure in Pa at the beginning of each period; with `responses` behind a baffle.
-
-    Raises
-    ------
-    ValueError
-        If the waves have another shape, or as `transfer_matrix`.
-
-    Notes
-    -----
     Between two periods the wave moves as a resonance does under a constant drive (`OnePole.between`), so nothing is
     interpolated as long as drives change at the beginning of a period.
     """

@@ -21,20 +21,10 @@ def _fast(function: Any) -> Any:
 
 @_fast
 def collect(series: Any, lag: Any, weight: Any, row: Any, collected: Any) -> None:
-    """Add up delayed series, which repeat.
+    """Add delayed and weighted series, which repeat, to the rows of ``collected`` (r, t).
 
-    Parameters
-    ----------
-    series : (t, n) complex64
-        Of n sources.
-    lag : (e, n) int64
-        Delay in steps, of any sign and size.
-    weight : (e, n) complex64
-        Its factor.
-    row : (e, n) int64
-        Row of `collected` that it is added to.
-    collected : (r, t) complex64
-        Written.
+    ``series`` (t, n) are those of n sources. Entry e of source q has the delay ``lag[e, q]`` in steps, of any sign and
+    size, the factor ``weight[e, q]``, and is added to the row ``row[e, q]``.
     """
     steps, sources = series.shape
     latest, earliest = lag.max(), lag.min()

@@ -30,18 +30,9 @@ def draw_intensity(
 ) -> AxesImage:
     """Draw intensity from the threshold on, by its logarithm, as touch has it; skin that feels nothing is pale.
 
-    Parameters
-    ----------
-    axes : Axes
-        Onto which it is drawn. Lines have the labels, for a legend.
-    places : SkinPlaces
-        k places.
-    intensity : (k,) float
-        Multiples of the threshold. The picture interpolates between places, and continues them to the outline.
-    largest : float, optional
-        The end of the scale, for several pictures; by default the largest intensity.
-    **style
-        Options of matplotlib's ``imshow``.
+    ``intensity`` (k,) is in multiples of the threshold; the picture interpolates between the k places, and continues
+    them to the outline. ``largest`` is the end of the scale, for several pictures; by default the largest intensity.
+    ``style`` are options of matplotlib's ``imshow``. The lines on ``axes`` have labels for a legend.
     """
     from matplotlib import colormaps
     from matplotlib.colors import LogNorm

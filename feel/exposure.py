@@ -186,7 +186,7 @@ def exposure_limit(
     at : (j, 3) float or None
         Places, in metres; `seated` if None.
     limit_db : float
-        In dB re 20 µPa rms.
+        Limit in dB re 20 µPa rms.
     medium : Medium, optional
         The air; 20 °C by default.
 
@@ -229,8 +229,6 @@ def _limit(limit_db: float) -> float:
 def scattered(watts: float, distance: float, medium: Medium | None = None) -> float:
     """Level at a distance from a hand that throws all of a power back evenly into the half space before it, in dB.
 
-    Notes
-    -----
     I = W/(2πr²). A hand reflects 99 % of what meets it, not evenly: where it reflects as a mirror it is louder.
     """
     medium = as_medium(medium)

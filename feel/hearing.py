@@ -61,8 +61,6 @@ def a_weighting(frequency: ArrayLike) -> NDArray[np.float64]:
 def square_pulses(drives: ArrayLike) -> NDArray[np.complex64]:
     """Duty and moment of the pulses of intended drives, (t, n), as `hil.EmittedWaves.pulses` has them from bits.
 
-    Notes
-    -----
     A drive a·e^{iθ} is a pulse of the duty d = arcsin(a)/π around the moment θ/2π of the period. What reaches beyond an
     end of the period is high at its other end.
     """
@@ -249,11 +247,7 @@ def _arriving_pulses(
 
 
 def _beam(
-    array: TransducerArray,
-    points: NDArray[np.float64],
-    medium: Medium,
-    reach: float,
-    frequency: NDArray[np.float64],
+    array: TransducerArray, points: NDArray[np.float64], medium: Medium, reach: float, frequency: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
     """The integral along the beam of e^{−iω(s + R − R₀)/c}·D/R, (j, f); R₀ is the distance from the array's middle."""
     normal = array.normals.mean(axis=0)

@@ -52,7 +52,7 @@ class FeltMap(Drawable):
     places : SkinPlaces
         k places of skin.
     rate : float
-        Of the samples of pressure, in hertz.
+        Sample rate of the pressure, in hertz.
     samples : int
         Their number: the stretch lasts samples/rate seconds.
     frequencies : (f,) float
@@ -187,7 +187,7 @@ def radiation_pressures(
     Returns
     -------
     (t', k) float32
-        In Pa, t' = ⌈t/every⌉.
+        Pressure in Pa, t' = ⌈t/every⌉.
 
     Raises
     ------
@@ -243,9 +243,9 @@ def felt_map(pressures: ArrayLike, places: SkinPlaces, rate: float, skin: Skin |
     places : SkinPlaces
         The k places.
     rate : float
-        Of samples in time, in hertz.
+        Sample rate, in hertz.
     skin : Skin, optional
-        Of the hand by default.
+        Skin that feels, that of the hand by default.
 
     Raises
     ------

@@ -31,8 +31,6 @@ NODES = 200
 def full_power(transducer: Transducer, medium: Medium | None = None) -> float:
     """Acoustic power of one transducer at full drive, in watts.
 
-    Notes
-    -----
     The far field's intensity over the half space, W = P₁²/(2ρc)·2π·∫ |ψ(θ)|² sinθ dθ, with ψ the `residual` of its
     model. For a baffled piston that is (2π·P₁²/(ρc·(ka)²))·(1 − J₁(2ka)/(ka)).
     """
@@ -48,8 +46,6 @@ def full_power(transducer: Transducer, medium: Medium | None = None) -> float:
 def power_over_time(array: TransducerArray, waves: ArrayLike, medium: Medium | None = None) -> NDArray[np.float64]:
     """Acoustic power in each carrier period, (t,) in watts, of waves (t, n).
 
-    Notes
-    -----
     The sum of what each would radiate by itself. The work that transducers do on each other's waves is left out. It is
     Re(z*ᵀRz) with R(d) = P₁²/(2ρc)·2π·∫ D²(θ)·J₀(kd·sinθ) sinθ dθ between two at a distance d; on the default array it
     is 13 % of one's own power for neighbours, of changing sign, and it adds 0.3 % to the power of an outline.
@@ -63,8 +59,6 @@ def power_over_time(array: TransducerArray, waves: ArrayLike, medium: Medium | N
 def absorbed_share(medium: Medium | None = None) -> float:
     """Part of a plane wave's power that smooth bare skin keeps at normal incidence, about 0.9 %.
 
-    Notes
-    -----
     0.1 % enters the body, 4ρc/Z. 0.8 % is lost in the thermal boundary layer of the air, δ = √(2χ/ω), on a wall that
     stays at its temperature: 2(γ − 1)·kδ (A. D. Pierce, Acoustics, 1981, section 10-4). Hair, ridges, sweat and cloth
     keep more; fabric is felt to warm (Kamigaki, Suzuki and Shinoda, EuroHaptics 2020).

@@ -36,9 +36,9 @@ class TouchChannel:
     Parameters
     ----------
     name, fibres : str
-        Of the channel, and of the nerve fibres that serve it.
+        Names of the channel, and of the nerve fibres that serve it.
     area : float
-        Over which it sums energy, in m²: to this area its thresholds apply. 0 if it does not sum.
+        Area over which it sums energy, in m²: to this area its thresholds apply. 0 if it does not sum.
     thresholds : tuple of (float, float)
         Frequency in hertz, ascending, and the least displacement that is felt, in dB re 1 µm (peak).
     """

@@ -49,9 +49,9 @@ class Skin:
     stiffness : float
         Static shear modulus, in Pa.
     viscosity : float
-        Of shear, in Pa·s.
+        Shear viscosity in Pa·s.
     density : float
-        In kg/m³.
+        Density in kg/m³.
     poisson : float
         Poisson's ratio ν. Tissue is so hard to compress that it is 1/2 in all but the fifth digit.
 
@@ -92,14 +92,14 @@ class Skin:
         Parameters
         ----------
         wavenumber : (...) float or complex
-            Along the surface, in rad/m, not negative. H continues to complex ones with a negative imaginary part.
+            Wavenumber along the surface in rad/m, at least 0. H continues to those with a negative imaginary part.
         frequency : (...) float
-            In hertz, not negative; the two are broadcast.
+            Frequency in hertz, not negative; the two are broadcast.
 
         Returns
         -------
         (...) complex
-            In m/Pa; infinite where both are 0, because a steady pressure on all of the surface moves the body away.
+            H in m/Pa; infinite where both are 0, because a steady pressure on all of the surface moves the body away.
         """
         k, f = array_of("wavenumber", wavenumber, np.complex128), as_frequencies(frequency)
         if not np.abs(k).max(initial=0) < MOST_WAVENUMBER:
@@ -142,24 +142,11 @@ class Skin:
 
 
 def displacement(skin: Skin, pressure: ArrayLike, rate: float, spacing: float) -> NDArray[np.float64]:
-    """How a pressure over a regular grid, on an endless skin, moves its surface.
+    """Displacement (t, y, x) into the body, in metres, of an endless skin under a pressure (t, y, x) in Pa over a grid.
 
-    Parameters
-    ----------
-    skin : Skin
-        What it pushes.
-    pressure : (t, y, x) float
-        Normal pressure over one period of a stimulus that repeats, in Pa. A stimulus that does not repeat ends in
-        silence, in which the waves leave.
-    rate : float
-        Of samples in time, in hertz.
-    spacing : float
-        Of the grid, in metres.
-
-    Returns
-    -------
-    (t, y, x) float
-        Displacement into the body, in metres, of all frequencies up to half the rate.
+    The pressure is that of one period of a stimulus that repeats; one that does not must end in silence, in which the
+    waves leave. ``rate`` is the number of samples in a second, ``spacing`` the grid's step in metres. All frequencies
+    up to half the rate are counted.
     """
     pressure = np.asarray(pressure, dtype=np.float64)
     spectra = scipy.fft.rfft(pressure, axis=0).conj()  # SciPy's factor of time is e^{+iωt}
@@ -170,8 +157,6 @@ def displacement(skin: Skin, pressure: ArrayLike, rate: float, spacing: float) -
 def displaced(skin: Skin, spectra: NDArray[Wave], frequencies: NDArray[np.float64], spacing: float) -> NDArray[Wave]:
     """The complex amplitudes (f, y, x) of displacement, in metres, that those of pressure, in Pa, make.
 
-    Notes
-    -----
     A convolution by FFT with the displacement around a point, cut off beyond the diagonal of the grid: so nothing
     comes round, however far waves go (Vico, Greengard and Ferrando, J. Comput. Phys. 323, 191, 2016).
     """

@@ -60,11 +60,11 @@ class SkinPatch:
     Parameters
     ----------
     centre : (3,) float
-        In metres.
+        Middle in metres.
     width, length : float
-        Along x and along y, in metres.
+        Extent along x and along y, in metres.
     spacing : float
-        Of the places, in metres; the outermost ones lie on the border, or within less than that of it.
+        Spacing of the places, in metres; the outermost ones lie on the border, or within less than that of it.
 
     Raises
     ------
@@ -127,7 +127,7 @@ class Unfolded:
     mask : (y, x) bool
         The cells of the grid that are skin, seen on the back of the hand, the fingertips at the end of y; k are True.
     spacing : float
-        Of the grid, in metres.
+        Step of the grid, in metres.
     """
 
     hand: Hand

@@ -22,12 +22,8 @@ _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0
 def read_arrays(path: FilePath) -> dict[str, NDArray[Any]]:
     """Read every array of an NPZ file.
 
-    Raises
-    ------
-    InputFileError
-        If the file is truncated, corrupted or no NPZ file, or holds too much.
-    OSError
-        If it cannot be opened.
+    `InputFileError` if the file is truncated, corrupted or no NPZ file, or holds too much; `OSError` if it cannot be
+    opened.
     """
     with open_zip(path, "truncated, corrupted or not an NPZ file") as archive:
         members = archive.infolist()

@@ -58,10 +58,7 @@ class Movable(ABC, Generic[Moved]):
     def rotated(self, degrees: float, axis: ArrayLike = (0, 0, 1)) -> Moved:
         """The same, turned about an axis through its `centre`, counterclockwise as seen from the axis' tip.
 
-        Raises
-        ------
-        ValueError
-            If the angle is not finite, or the axis has no direction.
+        `ValueError` if the angle is not finite, or the axis has no direction.
         """
         turn = rotation_matrix(degrees, axis)
         return self.placed(turn, self.centre - turn @ self.centre)
@@ -119,10 +116,7 @@ def as_points(values: ArrayLike, what: str, many: str | None = None) -> NDArray[
 def as_position(value: ArrayLike, what: str) -> NDArray[np.float64]:
     """Read (3,) coordinates in metres; ``what`` names them in the error.
 
-    Raises
-    ------
-    ValueError
-        If these are not three numbers, or one is not finite or larger than `FARTHEST`.
+    `ValueError` if these are not three numbers, or one is not finite or larger than `FARTHEST`.
     """
     place = array_of(what, value, np.float64)
     if place.shape != (3,) or not (place.max() <= FARTHEST and place.min() >= -FARTHEST):
@@ -140,10 +134,7 @@ def as_scale(factor: float) -> float:
 def as_rotation(values: ArrayLike) -> NDArray[np.float64]:
     """Read a (3, 3) rotation matrix, which may be written with three digits; the result is exact.
 
-    Raises
-    ------
-    ValueError
-        If the rows are not perpendicular and of length 1, or it is a reflection.
+    `ValueError` if the rows are not perpendicular and of length 1, or it is a reflection.
     """
     matrix = array_of("rotation", values, np.float64)
     if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=1e-3):
@@ -161,10 +152,7 @@ def as_rotation(values: ArrayLike) -> NDArray[np.float64]:
 def rotation_matrix(degrees: float, axis: ArrayLike) -> NDArray[np.float64]:
     """The (3, 3) rotation about an axis through the origin, counterclockwise seen from its tip: Rodrigues' formula.
 
-    Raises
-    ------
-    ValueError
-        If the angle is not finite, or the axis has no direction.
+    `ValueError` if the angle is not finite, or the axis has no direction.
     """
     try:
         direction = array_of("axis", axis, np.float64)

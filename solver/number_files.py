@@ -15,30 +15,13 @@ _METRES = re.compile(r"[\W_]+m\W*$")
 
 
 def csv_rows(text: str, forms: Sequence[str]) -> list[list[float]]:
-    """The numbers in each line of a CSV file.
+    """The numbers in each line of a CSV file, in the order of its form; ``forms`` are those allowed, such as ``x,y,z``.
 
-    A first line without any number has the names of the columns, in any order; without it they are in the order of
-    the form. Empty lines and those that begin with ``#`` are skipped.
+    A first line without any number has the names of the columns, in any order; without it they are in the order of the
+    form. Empty lines and those that begin with ``#`` are skipped.
 
-    Parameters
-    ----------
-    text : str
-        The whole file.
-    forms : sequence of str
-        The names of the columns in each allowed form, such as ``x,y,z``.
-
-    Returns
-    -------
-    list of list of float
-        The numbers of each line in the order of the form.
-
-    Raises
-    ------
-    ValueError
-        If a line has another form than one of these, or than the first, or the names are others or state another unit
-        than metres.
-    csv.Error
-        If the file is no CSV.
+    `ValueError` if a line has another form than one of these, or than the first, or the names are others or state
+    another unit than metres; `csv.Error` if the file is no CSV.
     """
     return _rows(csv.reader(text.splitlines()), forms, ",")
 

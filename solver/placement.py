@@ -17,19 +17,10 @@ _SHAPES = {(): "a finite number", (3,): "three finite numbers", (3, 3): "three r
 
 
 def read_placement(table: dict[str, Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The placement that the fields `PLACEMENT_KEYS` of a table describe; each may be absent.
+    """Rotation (3, 3) and translation (3,) in metres of a table with the fields `PLACEMENT_KEYS`; each may be absent.
 
-    Returns
-    -------
-    rotation : (3, 3) float
-        Of ``rotation``, three rows, or of ``rotation_degrees``, angles about x, then y, then z.
-    translation : (3,) float
-        In metres, of ``translation_m`` or ``translation_mm``.
-
-    Raises
-    ------
-    ValueError
-        That names the field that is wrong.
+    The rotation is ``rotation``, three rows, or ``rotation_degrees``, angles about x, then y, then z. The translation
+    is ``translation_m`` or ``translation_mm``. A `ValueError` names the field that is wrong.
     """
     for one, other in (("translation_m", "translation_mm"), ("rotation", "rotation_degrees")):
         if one in table and other in table:

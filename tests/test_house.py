@@ -47,6 +47,15 @@ def test_the_package_has_its_names_and_subpackages_without_further_imports() -> 
     subprocess.run([sys.executable, "-c", code], timeout=60, check=True)
 
 
+@pytest.mark.parametrize(
+    ("name", "spared"),
+    [("solver.ControlPoints", "solver.methods"), ("feel.Skin", "feel.hearing"), ("view.Snapshot", "view.server")],
+)
+def test_a_name_of_a_room_loads_only_what_it_needs(name: str, spared: str) -> None:
+    code = f"import sys, phasewire as p; p.{name}; sys.exit('phasewire.{spared}' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], timeout=60, check=True)
+
+
 @pytest.mark.parametrize("module", [pw, *(getattr(pw, room) for room in ROOMS)])
 def test_dir_lists_public_names_alone(module: ModuleType) -> None:
     for name in dir(module):

@@ -44,6 +44,7 @@ def test_the_sdist_and_its_wheel_are_whole_and_the_package_runs_without_the_repo
     data = {"py.typed", "protocol/SPEC.md", "protocol/vectors.json", "host/finding/60-phasewire.rules"}
     data |= {"hil/conformance/guest/init.sh", "hil/conformance/guest/begin.sh", "__init__.pyi"}
     data |= {f"view/page/{name}" for name in ("index.html", "page.css", "page.js", "scene.js")}
+    data |= {f"{room}/__init__.pyi" for room in ("feel", "solver", "view")}
     programs = (ROOT / "firmware").rglob("*.*")
     data |= {str(file.relative_to(ROOT)) for file in programs if file.suffix in {".bin", ".c", ".h", ".map", ".s"}}
     data |= {"firmware/xs1/runtime.s"}

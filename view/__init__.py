@@ -6,13 +6,6 @@ snapshot of it, the view's thread paints it, and the server's thread sends the n
 `host`, and reads captures.
 """
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from .snapshot import Emitter, Snapshot
-from .view import View
-
-__all__ = ["Emitter", "Snapshot", "View"]
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -65,27 +65,13 @@ def suffix_of(path: Path) -> str:
 
 @contextmanager
 def saved_from(view: View, path: Path, seconds: float) -> Iterator[Callable[[], bool]]:
-    """A browser without a window shows the page during this block; its picture is written at the end.
+    """A browser without a window shows the page during this block; its picture or video is written at the end.
 
-    The block gets a function that says when it can end.
+    The block gets a function that says when it can end. The view was made for saving, ``path`` has a suffix as in
+    `suffix_of`, and a video lasts for ``seconds``.
 
-    Parameters
-    ----------
-    view : View
-        Made for saving.
-    path : Path
-        A picture or a video, see `suffix_of`.
-    seconds : float
-        How long a video is.
-
-    Raises
-    ------
-    MissingExtraError
-        If no browser is found.
-    PhasewireError
-        If the browser has sent no picture.
-    OSError
-        If the file cannot be written.
+    `MissingExtraError` if no browser is found; `PhasewireError` if the browser has sent no picture; `OSError` if the
+    file cannot be written.
     """
     kind = suffix_of(path)[1:]
     url = f"{view.url}&save={kind}&seconds={seconds:g}"

@@ -31,16 +31,9 @@ def gains_of(settings: Settings, transducers: int) -> NDArray[np.float32]:
 
 
 class Contest(NamedTuple):
-    """Two methods for the same points.
+    """Two methods for the same points: the first one's name, the fields (k, n) of both, and figures.
 
-    Parameters
-    ----------
-    method : str
-        The first one.
-    this, other : (k, n) complex
-        The emitted fields of the first method, and what the second would emit.
-    numbers : list of (str, str, str)
-        Figures: label, and the values of both.
+    ``other`` is what the second would emit; each of ``numbers`` is a label and the values of both.
     """
 
     method: str
@@ -50,15 +43,7 @@ class Contest(NamedTuple):
 
 
 class Comparison:
-    """Solves the points of snapshots by a second method.
-
-    Parameters
-    ----------
-    emitter : Emitter
-        The array and its calibration.
-    painter : Painter
-        Of this array.
-    """
+    """Solves the points of snapshots of an array by a second method."""
 
     def __init__(self, emitter: Emitter, painter: Painter) -> None:
         self._rig, self._painter = emitter, painter

@@ -28,13 +28,7 @@ def hand_at(setting: HandSetting) -> Hand:
 
 
 class MouseHands(LiveHands):
-    """A hand that follows what a page says, in even steps.
-
-    Parameters
-    ----------
-    setting : HandSetting
-        Where it begins.
-    """
+    """A hand that follows what a page says, in even steps, from where a setting puts it."""
 
     def __init__(self, setting: HandSetting) -> None:
         super().__init__("the hand of the page", RATE)

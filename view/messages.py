@@ -33,16 +33,10 @@ class PageCommand(NamedTuple):
 
 
 def encode(kind: str, fields: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]] | None = None) -> bytes:
-    """A message of a kind to the page.
+    """A message to the page, whose kind is ``setup``, ``settings``, ``objects``, ``frame`` or ``notice``.
 
-    Parameters
-    ----------
-    kind : str
-        ``setup``, ``settings``, ``objects``, ``frame`` or ``notice``.
-    fields : mapping
-        For JSON.
-    arrays : mapping of str to array, optional
-        uint8, uint32 or float32; other floats and whole numbers are converted to the last two.
+    ``fields`` are written as JSON, and ``arrays`` as uint8, uint32 or float32: other floats and whole numbers are
+    converted to the last two.
     """
     table, parts, at = {}, [], 0
     for name, values in (arrays or {}).items():
@@ -60,10 +54,7 @@ def encode(kind: str, fields: Mapping[str, Any], arrays: Mapping[str, NDArray[An
 def read_command(text: str) -> PageCommand:
     """What a page asks for.
 
-    Raises
-    ------
-    ValueError
-        If the text is none of the possible commands.
+    `ValueError` if the text is none of the possible commands.
     """
     try:
         said = json.loads(text)

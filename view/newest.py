@@ -13,14 +13,9 @@ _log = logging.getLogger(__name__)
 
 
 class NewestTask:
-    """Does one task at a time in a thread of its own; of those that wait only the newest is kept.
+    """Does one task at a time in a thread of its own, which has a name; of those that wait only the newest is kept.
 
-    Parameters
-    ----------
-    name : str
-        Of the thread.
-    on_error : callable
-        Is called in the thread with an exception of a task; the next task is done all the same.
+    ``on_error`` is called there with an exception of a task; the next task is done all the same.
     """
 
     def __init__(self, name: str, on_error: Callable[[Exception], None]) -> None:

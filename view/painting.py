@@ -75,15 +75,10 @@ IMAGE_QUANTITIES = {
 
 @dataclass(frozen=True, eq=False)
 class Painted:
-    """An image of a plane.
+    """An image of a plane, one of `PLANES`.
 
-    Parameters
-    ----------
-    name : str
-        One of `PLANES`.
-    corner, u, v : (3,) float
-        Place of sample (0, 0), and the way to the last one of its row and of its column, in metres.
-    levels : (rows, columns) uint8
+    ``corner`` is the place of sample (0, 0) in metres, and ``u`` and ``v`` are the way to the last one of its row and
+    of its column. ``levels`` (rows, columns) are uint8.
     """
 
     name: str
@@ -103,13 +98,7 @@ class Probed(NamedTuple):
 
 
 class Painter:
-    """Paints snapshots of one array.
-
-    Parameters
-    ----------
-    emitter : Emitter
-        The array and the air.
-    """
+    """Paints snapshots of one array, in its air."""
 
     def __init__(self, emitter: Emitter) -> None:
         self._array, self._air = emitter.emitting, emitter.medium
@@ -123,17 +112,8 @@ class Painter:
     ) -> tuple[list[Painted], dict[str, Any]]:
         """Images of the planes that are on, and their common scale, for the page.
 
-        Parameters
-        ----------
-        snapshot : Snapshot
-        settings : Settings
-        beside : tuple of (k, n) complex
-            Other drives; their horizontal planes are added as the last images.
-
-        Raises
-        ------
-        ValueError
-            If a plane is too close to a transducer.
+        ``beside`` are other drives, (k, n) each; their horizontal planes are added as the last images. `ValueError` if
+        a plane is too close to a transducer.
         """
         quantity = IMAGE_QUANTITIES[settings.quantity]
         wanted = [(name, snapshot.drives) for name in PLANES if getattr(settings, name)]

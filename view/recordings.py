@@ -53,14 +53,8 @@ TICK_SECONDS = 1 / 30
 class RecordedTape:
     """Snapshots of a recording, by carrier periods from its beginning.
 
-    Parameters
-    ----------
-    emitter : Emitter
-        The array for which it was made.
-    times : sequence of float
-        Of each moment in seconds, never decreasing, the first at 0.
-    moment : callable
-        From the number of a moment to what there is to see then; its period is set here.
+    ``times`` are those of each moment in seconds, never decreasing, the first at 0; ``moment`` makes of the number of a
+    moment what there is to see then. Its period is set here.
     """
 
     def __init__(self, emitter: Emitter, times: Any, moment: Callable[[int], dict[str, Any]]) -> None:
@@ -97,21 +91,10 @@ class RecordedTape:
 
 @contextmanager
 def open_tape(path: Path, array: TransducerArray | None = None) -> Iterator[RecordedTape]:
-    """Open a recording to be shown, while the block lasts.
+    """Open a recording, with one of the suffixes `TAPES`, to be shown while the block lasts.
 
-    Parameters
-    ----------
-    path : Path
-        With one of the suffixes `TAPES`. The hands of a ``.touch`` file are read from the ``.hands`` file beside it.
-    array : TransducerArray, optional
-        Of a recording of touch, which does not name it; the default grid by default.
-
-    Raises
-    ------
-    InputFileError
-        If the file is damaged, or holds nothing.
-    OSError
-        If it cannot be opened.
+    The hands of a ``.touch`` file are read from the ``.hands`` file beside it. A recording of touch does not name its
+    array: ``array`` is it, the default grid by default. `InputFileError` if the file is damaged, or holds nothing.
     """
     suffix = path.suffix.lower()
     if suffix == FRAMES:

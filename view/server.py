@@ -80,16 +80,11 @@ class PageServer:
 
     Parameters
     ----------
-    listen : str
-        The address to listen at.
-    port : int
-        0 for any that is free.
-    on_message : callable
-        Is called in the server's thread with each text from a page.
-    on_page : callable
-        Is called there when a page has come, which has no frame yet.
-    on_gone : callable
-        Is called there when the last page has gone.
+    listen, port
+        Address to listen at; port 0 for any that is free.
+    on_message, on_page, on_gone : callable
+        Called in the server's thread: with each text from a page, when a page has come, which has no frame yet, and
+        when the last page has gone.
     embedded : bool
         Whether another page of this computer, such as a notebook, may show it in a frame.
     saving : bool
@@ -98,7 +93,7 @@ class PageServer:
     Attributes
     ----------
     wanted : threading.Event
-        Is set while a page waits for a frame.
+        Set while a page waits for a frame.
     saved : list of bytes
         Pictures that pages have sent.
     """

@@ -69,17 +69,7 @@ class ObjectSetting:
 
 @dataclass(frozen=True)
 class Choices:
-    """What can be chosen in a session.
-
-    Parameters
-    ----------
-    groups : frozenset of str
-        Those of `GROUPS` that can be set.
-    transducers : int
-        Their number.
-    methods, quantities, object_kinds : tuple of str
-        Possible values.
-    """
+    """What can be chosen in a session: which `GROUPS`, how many transducers there are, and the values of others."""
 
     groups: frozenset[str]
     transducers: int
@@ -123,10 +113,7 @@ class Settings:
     def changed(self, values: Mapping[str, Any], choices: Choices) -> Settings:
         """These settings with others from a page.
 
-        Raises
-        ------
-        ValueError
-            If the session has no such setting, or a value is not possible; the message names it.
+        `ValueError` if the session has no such setting, or a value is not possible; the message names it.
         """
         checked: dict[str, Any] = {}
         for name, value in values.items():

@@ -20,19 +20,9 @@ MOST_SIZES = 32
 
 
 class Shelf:
-    """The paper's shapes, and the objects that a command names.
+    """The paper's shapes, and the objects that a command names, with their names; `ValueError` if there are too many.
 
     A page can name no file: it chooses among the files that the command was given.
-
-    Parameters
-    ----------
-    named : sequence of (str, MovingObject)
-        The command's objects with their names: a shape of the paper, or a file.
-
-    Raises
-    ------
-    ValueError
-        If there are more than a page can show.
     """
 
     def __init__(self, named: Sequence[tuple[str, MovingObject]]) -> None:

@@ -39,7 +39,7 @@ class Emitter:
     wiring : Wiring, optional
         Which output drives which transducer, of a device's array.
     calibration : Calibration, optional
-        As it is applied to drives.
+        Calibration as it is applied to drives.
     medium : Medium
         The air.
     """
@@ -62,20 +62,10 @@ class Emitter:
 
 
 class PlayedPose(NamedTuple):
-    """Control points of one moment, and all fields that were emitted for them.
+    """Control points of one moment, with their ramps, and all fields that were emitted for them.
 
-    Parameters
-    ----------
-    fading : Fading
-        The points, with their ramps.
-    drives : (k, n) complex
-        What the transducers emitted, field by field.
-    method : str
-        By which they were solved; empty if that is not known.
-    solved : PulseFrames, optional
-        What was solved and sent, (k, n).
-    gains : (n,) float, optional
-        By which the solution was scaled.
+    ``drives`` (k, n) are what the transducers emitted, field by field; ``solved`` (k, n) what was solved and sent; and
+    ``gains`` (n,) the factors that scaled the solution. ``method`` is empty if it is not known.
     """
 
     fading: Fading
@@ -87,17 +77,7 @@ class PlayedPose(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """The square waves of some outputs.
-
-    Parameters
-    ----------
-    transducers : tuple of int
-        Whose they are.
-    first_tick : int
-        Of the device's time.
-    bits : (ticks, k) uint8
-        0 or 1.
-    """
+    """The square waves of some outputs: levels (ticks, k) of k transducers from a tick of the device's time on."""
 
     transducers: tuple[int, ...]
     first_tick: int
@@ -132,7 +112,7 @@ class Snapshot:
     figures : tuple of (str, str)
         Rates, latencies, counts: label and value, for people.
     waves : Waves, optional
-        Of the outputs that are watched.
+        Waves of the outputs that are watched.
     whole : PlayedPose or str, optional
         Points and all of their fields, if `drives` may be those of several moments; or why there are none.
     """

@@ -17,13 +17,6 @@ class Stopper:
 
     A thread of its own brings the stop to a device. An emulated device in this process is the playing thread's alone,
     which looks for a stop in each turn (`serve`).
-
-    Parameters
-    ----------
-    device : Device
-        To stop.
-    emulator : Emulator, optional
-        The device, if it is emulated in this process.
     """
 
     def __init__(self, device: Device, emulator: Emulator | None) -> None:
@@ -50,10 +43,7 @@ class Stopper:
     def serve(self) -> None:
         """Do what is left to the playing thread, which calls this in each turn.
 
-        Raises
-        ------
-        DeviceError
-            If the device cannot be reached.
+        `DeviceError` if the device cannot be reached.
         """
         if self._wanted.is_set():
             self._wanted.clear()

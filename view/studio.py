@@ -59,16 +59,14 @@ class Studio(Director):
 
     Parameters
     ----------
-    device : Device
-        To play on.
-    array : TransducerArray
-        Of the device.
+    device, array
+        Device to play on, and its transducers.
     shelf : Shelf
-        The objects.
+        Objects to choose from.
     source : HandSource
-        The hands; `MouseHands` are moved by pages.
+        Source of hands; `MouseHands` are moved by pages.
     settings : Settings
-        The first ones.
+        The first settings.
     emulator : Emulator, optional
         The device, if it is emulated in this process.
     unwatched : bool
@@ -147,10 +145,7 @@ class Studio(Director):
     def run(self, view: View, over: Callable[[], bool] = lambda: False) -> None:
         """Play until it is over, or the hands end.
 
-        Raises
-        ------
-        PhasewireError
-            If the tracker is lost.
+        `PhasewireError` if the tracker is lost.
         """
         self._view, self._over = view, over
         self._shelving = NewestTask("phasewire shelf", lambda error: self._say(str(error)))
@@ -279,17 +274,7 @@ class Studio(Director):
 
 
 class _Lease:
-    """The hands of a studio for one loop.
-
-    Parameters
-    ----------
-    source : HandSource
-        The studio's.
-    serve : callable
-        Does what pages have asked for.
-    ends : callable
-        Whether the loop must end.
-    """
+    """The hands of a studio for one loop. ``serve`` does what pages ask for; ``ends`` says if the loop must end."""
 
     def __init__(self, source: HandSource, serve: Callable[[], None], ends: Callable[[], bool]) -> None:
         self._source, self._serve, self._ends = source, serve, ends

@@ -59,22 +59,9 @@ def emitter_of(device: Device, array: TransducerArray) -> Emitter:
 class Tap:
     """Shows on a view what a device emits, in a ``with`` statement.
 
-    Call its methods in the playing thread. There it only takes a capture of an emulated device. Its own thread makes
-    the snapshot, and asks a device that is not emulated.
-
-    Parameters
-    ----------
-    device : Device
-        That plays.
-    view : View
-        Shows it.
-    emulator : Emulator, optional
-        The device, if it is emulated in this process; its bits are what is shown then.
-
-    Attributes
-    ----------
-    figures : tuple of (str, str)
-        Label and value of what the page shows about the playing, beside the device's state.
+    Call its methods in the playing thread. There it only takes a capture of ``emulator``, the device if it is emulated
+    in this process; its bits are what is shown then. Its own thread makes the snapshot, and asks a device that is not
+    emulated. ``figures`` are label and value of what the page shows about the playing, beside the device's state.
     """
 
     def __init__(self, device: Device, view: View, emulator: Emulator | None = None) -> None:
@@ -114,15 +101,7 @@ class Tap:
         return self._view.server.pages > 0 and time.monotonic() - self._taken >= self._gap
 
     def take(self, turns: Alternation | None = None, **seen: Any) -> None:
-        """Show a snapshot of this moment.
-
-        Parameters
-        ----------
-        turns : Alternation, optional
-            How fields take turns; by default there is one.
-        **seen
-            Other fields of `Snapshot`.
-        """
+        """Show a snapshot of this moment, with other fields of `Snapshot`; ``turns`` says how fields take turns."""
         self._take(turns, lambda: seen)
 
     def take_moment(self, moment: TouchMoment, loop: TouchLoop) -> None:
@@ -237,16 +216,10 @@ class Tap:
     def _newest_whole(
         self, poses: Sequence[PlayedPose], plays: list[tuple[int, NDArray[Any]]], why: str
     ) -> PlayedPose | str:
-        """The newest moment of which all fields have been played, or why there is none.
+        """The newest moment of which all fields have been played, or ``why`` there is none.
 
-        Parameters
-        ----------
-        poses : sequence of PlayedPose
-            What was solved for the last moments, the newest first.
-        plays : list of (int, (n,) complex)
-            What was emitted last: the number of the field in its cycle, and its drives; the newest first.
-        why : str
-            What to say if there is none.
+        ``poses`` are what was solved for the last moments, and ``plays`` what was emitted last: the number of the field
+        in its cycle, and its drives (n,); the newest first in both.
         """
         for pose in poses:
             if (drives := _played(pose, plays)) is not None:

@@ -72,7 +72,7 @@ class Director:
     object_kinds : tuple of str
         Kinds of objects.
     faults : tuple of dict
-        For the page: the name of each fault, and its fields with their ranges.
+        Faults for the page: the name of each, and its fields with their ranges.
     """
 
     controls: tuple[str, ...] = ()

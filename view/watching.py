@@ -44,17 +44,7 @@ class _StopOnly(Director):
 
 @contextmanager
 def watch(device: Device, array: TransducerArray, emulator: Emulator | None = None) -> Iterator[Watch]:
-    """A view of what is played on a device in this block.
-
-    Parameters
-    ----------
-    device : Device
-        On which a command plays.
-    array : TransducerArray
-        Of the device.
-    emulator : Emulator, optional
-        The device, if it is emulated in this process.
-    """
+    """A view of what is played in this block on a device, which is ``emulator`` if it is emulated in this process."""
     stopper = Stopper(device, emulator)
     director = _StopOnly(stopper, emulator is not None)
     with View(emitter_of(device, array), director=director, embedded=False) as view, Tap(device, view, emulator) as tap:
@@ -65,13 +55,7 @@ def watch(device: Device, array: TransducerArray, emulator: Emulator | None = No
 
 
 class Watch:
-    """Shows what a command plays; made by `watch`. Call its methods in the playing thread.
-
-    Attributes
-    ----------
-    view : View
-        The page.
-    """
+    """Shows on ``view`` what a command plays; made by `watch`. Call its methods in the playing thread."""
 
     def __init__(self, device: Device, view: View, tap: Tap, stopper: Stopper, *, paced: bool) -> None:
         self._device, self.view, self._tap, self._stopper, self._paced = device, view, tap, stopper, paced
@@ -83,10 +67,7 @@ class Watch:
     def check(self) -> None:
         """Carry out a stop that a page has asked for.
 
-        Raises
-        ------
-        DeviceRefusedError
-            If a page has stopped the command, or the last one was closed.
+        `DeviceRefusedError` if a page has stopped the command, or the last one was closed.
         """
         self._stopper.serve()
         self._stopper.check()
@@ -125,16 +106,8 @@ class Watch:
     def play(self, points: ControlPoints, steps: Sequence[tuple[int, int]], seconds: float, begins: int) -> None:
         """Let a sequence go on by the wall clock; otherwise as `Device.keep_playing`.
 
-        Parameters
-        ----------
-        points : ControlPoints
-            That it is for.
-        steps : sequence of (int, int)
-            As given to `Device.play`; if there are two, both fields are shown.
-        seconds : float
-            How long.
-        begins : int
-            The period at which it began.
+        The steps are those of `Device.play` for the points; if there are two, both fields are shown. ``begins`` is the
+        period at which it began.
         """
         shown = rows_of(points)
         turns = Alternation(steps[0][1], begins) if len(steps) == 2 else None

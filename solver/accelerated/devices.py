@@ -29,15 +29,7 @@ def check_backend(backend: Backend, precision: str) -> None:
 
 
 def device_for(backend: Backend, hindrance: str | None) -> Device | None:
-    """The device of a backend; None is the processor, with a warning if a GPU was asked for.
-
-    Parameters
-    ----------
-    backend : {"cpu", "cuda"}
-        What was asked for.
-    hindrance : str, optional
-        Why a GPU cannot do it, if it cannot.
-    """
+    """The device of a backend; None is the processor, with a warning if a GPU was asked for but is hindered."""
     if backend == "cpu":
         return None
     if hindrance is None:
@@ -52,12 +44,7 @@ def device_for(backend: Backend, hindrance: str | None) -> Device | None:
 def cuda_device() -> Device:
     """The first CUDA device.
 
-    Raises
-    ------
-    MissingExtraError
-        If JAX is not installed.
-    LookupError
-        If it finds no device.
+    `MissingExtraError` if JAX is not installed; `LookupError` if it finds no device.
     """
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # or JAX takes most of the GPU's memory at once
     with needing("gpu", "a GPU"):

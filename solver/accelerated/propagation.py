@@ -16,16 +16,14 @@ import numpy as np
 from jax import Array, Device
 from numpy.typing import NDArray
 
-from ..compiled import kernels
+from ..compiled import layout
+from ..compiled.propagation import COSINE, SINE
 from .devices import power_of_two
 
 __all__ = ["PAIRS_AT_A_TIME", "WaveTables", "response", "sum_pressure", "unit_transfer"]
 
 PAIRS_AT_A_TIME = 2**26
 """Of points and transducers: 512 MiB if XLA keeps each wave, as it does on a processor."""
-
-SINE = (kernels.S0, kernels.S1, kernels.S2, kernels.S3, kernels.S4, kernels.S5)
-COSINE = (kernels.C0, kernels.C1, kernels.C2, kernels.C3, kernels.C4, kernels.C5, kernels.C6)
 
 
 class WaveTables(NamedTuple):
@@ -38,25 +36,15 @@ class WaveTables(NamedTuple):
 
 
 def unit_transfer(tables: WaveTables, at: Array) -> Array:
-    """Residual·e^{(ik−α)r}/r of each transducer at points: the transfer matrix of responses and strength 1.
+    """Residual·e^{(ik−α)r}/r of each transducer: the transfer matrix (..., n) of responses and strength 1.
 
-    Parameters
-    ----------
-    tables : WaveTables
-        n transducers.
-    at : (..., 3) float32
-        In metres, relative to the tables' origin.
-
-    Returns
-    -------
-    (..., n) complex64
-        0 behind a transducer's baffle.
+    The points ``at`` (..., 3) are in metres, relative to the tables' origin. Behind a transducer's baffle it is 0.
     """
     elements = tables.elements
-    dx, dy, dz = (at[..., axis, None] - elements[row] for axis, row in enumerate((kernels.X, kernels.Y, kernels.Z)))
-    r = jnp.sqrt(dx * dx + dy * dy + dz * dz + kernels.TINY)
+    dx, dy, dz = (at[..., axis, None] - elements[row] for axis, row in enumerate((layout.X, layout.Y, layout.Z)))
+    r = jnp.sqrt(dx * dx + dy * dy + dz * dz + layout.TINY)
     inverse = 1 / r
-    cosine = (dx * elements[kernels.NX] + dy * elements[kernels.NY] + dz * elements[kernels.NZ]) * inverse
+    cosine = (dx * elements[layout.NX] + dy * elements[layout.NY] + dz * elements[layout.NZ]) * inverse
     amplitude = jnp.where(cosine > 0, inverse, 0)
     if tables.nepers is not None:
         amplitude *= jnp.exp(-tables.nepers * r)
@@ -70,7 +58,7 @@ def unit_transfer(tables: WaveTables, at: Array) -> Array:
 
 def response(tables: WaveTables) -> Array:
     """The (n,) complex64 responses of the transducers, polarity included; 0 for dead ones."""
-    return jnp.asarray(tables.elements[kernels.GAIN] * _turned(tables.elements[kernels.LEAD]))
+    return jnp.asarray(tables.elements[layout.GAIN] * _turned(tables.elements[layout.LEAD]))
 
 
 def _polynomial(coefficients: Sequence[Any] | Array, x: Array) -> Array:
@@ -106,23 +94,10 @@ def _pressure(tables: WaveTables, emitted: Array, at: Array) -> Array:
 def sum_pressure(
     device: Device, tables: WaveTables, emitted: NDArray[np.complex128], at: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    """Pressure of all transducers, a block of points at a time.
+    """Pressure (k,) of all transducers relative to the tables' strength, in float32, a block of points at a time.
 
-    Parameters
-    ----------
-    device : jax.Device
-        What computes.
-    tables : WaveTables
-        n transducers, of which the tables may have more.
-    emitted : (n,) complex
-        Drives times responses.
-    at : (k, 3) float
-        In metres, relative to the tables' origin.
-
-    Returns
-    -------
-    (k,) complex
-        Relative to the tables' strength, in single precision.
+    ``emitted`` (n,) are drives times responses; the tables may have more transducers. The points ``at`` (k, 3) are in
+    metres, relative to the tables' origin.
     """
     columns = tables.elements.shape[1]
     spread = np.zeros(columns, np.complex64)

@@ -15,7 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..compiled.kernels import BELOW, LIMIT, TINY
+from ..compiled.algebra import BELOW
+from ..compiled.layout import LIMIT, TINY
 from .propagation import WaveTables, response, unit_transfer
 
 __all__ = ["Recipe", "solve_batch"]
@@ -24,18 +25,9 @@ __all__ = ["Recipe", "solve_batch"]
 class Recipe(NamedTuple):
     """How a batch is solved: what XLA compiles for.
 
-    Parameters
-    ----------
-    weighed : bool
-        Whether the regularised system is solved; if not, single foci are summed.
-    power : bool
-        Whether the phases are found by the paper's power method.
-    phase_steps, steps : int
-        Iterations for the phases, and most Gauss–Newton steps.
-    output : {"solved", "phase", "limited"}
-        The output policy.
-    headroom, tolerance, gradients, flat, kept, alone
-        `methods.options.HEADROOM`, `TOLERANCE`, `GRADIENTS`, `FLAT`, `KEPT` and `ALONE`.
+    ``weighed`` says whether the regularised system is solved, or else single foci are summed; ``power`` whether the
+    paper's power method finds the phases. ``steps`` is the largest number of Gauss–Newton steps. The others are those
+    of `methods.options`.
     """
 
     weighed: bool
@@ -55,29 +47,12 @@ class Recipe(NamedTuple):
 def solve_batch(
     tables: WaveTables, at: Array, wanted: Array, counts: Array, cold: Array, gamma: Any, mu: Any, recipe: Recipe
 ) -> Array:
-    """Drives of f frames, each from a cold start.
+    """Drives (f, n) within their limits of f frames, each from a cold start, of n transducers.
 
-    Parameters
-    ----------
-    tables : WaveTables
-        n transducers.
-    at : (f, m, 3) float32
-        Points, as for `propagation.unit_transfer`; those of frame i from ``counts[i]`` on are padding.
-    wanted : (f, m) float32
-        Amplitudes, the largest of a frame 1; 0 for padding.
-    counts : (f,) int32
-        Points of each frame.
-    cold : (m,) complex64
-        Phases to begin with.
-    gamma, mu : float
-        As in `methods.options.Options`.
-    recipe : Recipe
-        The rest of the method.
-
-    Returns
-    -------
-    (f, n) complex64
-        Drives within their limits.
+    ``at`` (f, m, 3) are points as for `propagation.unit_transfer`, and ``wanted`` (f, m) their amplitudes, of which the
+    largest of a frame is 1. Frame i has ``counts[i]`` points; the rest is padding, with amplitude 0. ``cold`` (m,) are
+    the phases to begin with, ``gamma`` and ``mu`` those of `methods.options.Options`, and ``recipe`` is the rest of the
+    method.
     """
     present = jnp.arange(at.shape[1]) < counts[:, None]
     transfer = jnp.where(present[..., None], unit_transfer(tables, at) * response(tables), 0)

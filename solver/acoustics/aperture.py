@@ -40,7 +40,7 @@ class Aperture:
     Attributes
     ----------
     digest : str
-        Of the contents, in hexadecimal.
+        Digest of the contents, in hexadecimal.
 
     Raises
     ------
@@ -105,7 +105,7 @@ class Aperture:
         Parameters
         ----------
         radius : float
-            Of the disc, in metres.
+            Radius of the disc, in metres.
         pixel : float
             Side of a pixel, in metres.
         """
@@ -141,7 +141,7 @@ class Aperture:
             A .png file, in which white is open and black or transparent is closed, or an .npy file of numbers as in
             `image`.
         width : float
-            Of the picture, in metres.
+            Width of the picture, in metres.
 
         Raises
         ------

@@ -150,7 +150,7 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
         Parameters
         ----------
         ax : matplotlib axes, optional
-            To draw onto; by default those of a new figure of pyplot.
+            Axes to draw onto; by default those of a new figure of pyplot.
         drive : (n,) complex, optional
             Drives: the colour of a dot is the phase, its area the magnitude. Without them, dots without filling are
             transducers that cannot sound.
@@ -203,11 +203,7 @@ class TransducerArray(Movable["TransducerArray"], Drawable):
         if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9) or np.linalg.det(turn) < 0:
             raise ValueError(f"rotation {turn.tolist()} must be a (3, 3) rotation matrix")
         return TransducerArray(
-            self.positions @ turn.T + shift,
-            self.normals @ turn.T,
-            self.transducer,
-            self.response,
-            self.limits,
+            self.positions @ turn.T + shift, self.normals @ turn.T, self.transducer, self.response, self.limits
         )
 
     @classmethod

@@ -87,12 +87,8 @@ def read_devices(path: FilePath) -> list[PlacedDevice]:
     A device has its own ``[[device.panel]]``, or the fields of its only panel; without any, it is a grid of 20 × 16.
     Its placement moves it as a whole.
 
-    Raises
-    ------
-    InputFileError
-        If the file is not readable as such, or has no devices; the error names the device, the panel and the field.
-    OSError
-        If it cannot be opened.
+    `InputFileError` if the file is not readable as such, or has no devices; the error names the device, the panel and
+    the field. `OSError` if it cannot be opened.
     """
     path = Path(path)
     content = read_toml(path)

@@ -119,26 +119,11 @@ def integrate(
     inverse_distance: NDArray[np.float64],
     wavenumber: float,
 ) -> NDArray[np.complex128]:
-    """The Rayleigh integral over rings, times r·e^{-ikr} and without the kernel's `front`.
+    """The Rayleigh integral (p,) over rings, times r·e^{-ikr} and without the kernel's `front`: 1 on the axis far away.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        What a point of the face sends.
-    rings : (n,) float and (n,) complex
-        Radii in metres and weights.
-    sine_squared, inverse_distance : (p,) float
-        sin²θ, and 1/r in 1/m; 0 is the far field.
-    wavenumber : float
-        In rad/m.
+    ``rings`` are radii in metres and complex weights, (n,) each. The points have sin²θ and 1/r in 1/m, (p,) each, of
+    which 0 is the far field; the integral is a smooth function of both. ``wavenumber`` is in rad/m.
 
-    Returns
-    -------
-    (p,) complex
-        A smooth function of both, 1 on the axis far away.
-
-    Notes
-    -----
     R² = r² + ρ² − 2rρ·sinθ·cosφ, in which R − r is taken as (R² − r²)/(R + r), so that no digits are lost far away.
     Over the azimuth the trapezoid rule is exact to rounding after a few points; half a turn is enough.
     """

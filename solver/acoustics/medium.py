@@ -23,15 +23,15 @@ class Medium:
     Parameters
     ----------
     temperature : float
-        In degrees Celsius, from −50 to 60.
+        Temperature in degrees Celsius, from −50 to 60.
     frequency : float
-        Of the carrier, in hertz.
+        Frequency of the carrier, in hertz.
     absorbing : bool
         Whether the air absorbs sound; 1.3 dB/m at 40 kHz, so a few tenths of a decibel over an array's reach.
     humidity : float
         Relative humidity in per cent; it matters to absorption only.
     ambient_pressure : float
-        Of the atmosphere, in Pa; it matters to absorption only.
+        Pressure of the atmosphere, in Pa; it matters to absorption only.
 
     Raises
     ------

@@ -56,17 +56,7 @@ def residual(
 
 
 def directivity(sine: ArrayLike, radius: float, medium: Medium) -> NDArray[np.float64]:
-    """Far-field directivity of a baffled piston, D = 2·J₁(ka·sinθ)/(ka·sinθ); 1 on the axis.
-
-    Parameters
-    ----------
-    sine : (...) float
-        sinθ, the sine of the angle off the piston's axis.
-    radius : float
-        Of the piston, in metres.
-    medium : Medium
-        The air.
-    """
+    """Far-field directivity of a baffled piston of a radius in metres, D = 2·J₁(ka·sinθ)/(ka·sinθ); 1 on the axis."""
     argument = medium.wavenumber * radius * np.asarray(sine, dtype=np.float64)
     small = np.abs(argument) < 1e-8
     safe = np.where(small, 1.0, argument)
@@ -86,11 +76,7 @@ def _piston(
 
 
 def _rayleigh(
-    kernel: Kernel,
-    transducer: Transducer,
-    sine: NDArray[np.float64],
-    distance: NDArray[np.float64],
-    medium: Medium,
+    kernel: Kernel, transducer: Transducer, sine: NDArray[np.float64], distance: NDArray[np.float64], medium: Medium
 ) -> NDArray[np.complex128]:
     rings = face_rings(transducer.face, medium.wavenumber)
     smooth = integrate(kernel, rings, sine.ravel() ** 2, 1 / distance.ravel(), medium.wavenumber)

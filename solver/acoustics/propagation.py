@@ -149,27 +149,10 @@ def as_drive(array: TransducerArray, drive: ArrayLike) -> NDArray[np.complex128]
 
 
 def arrivals(array: TransducerArray, at: PointsLike, medium: Medium) -> NDArray[np.complex64]:
-    """Each transducer's wave at each point per unit drive, without the phase of its path.
+    """Each transducer's wave (m, n) at each point per unit drive, without the phase of its path.
 
-    Parameters
-    ----------
-    array : TransducerArray
-        n transducers.
-    at : (m, 3) float
-        As for `transfer_matrix`.
-    medium : Medium
-        The air.
-
-    Returns
-    -------
-    (m, n) complex64
-        `transfer_matrix` without e^{ikr}, as exact as `pressure` in single precision: for waves that are not phasors,
-        or whose delay is known more exactly.
-
-    Raises
-    ------
-    ValueError
-        As `transfer_matrix`.
+    It is `transfer_matrix`, errors included, without e^{ikr}, as exact as `pressure` in single precision: for waves
+    that are not phasors, or whose delay is known more exactly.
     """
     points = as_places(at)
     if (tables := _reaching(array, points, medium)) is not None:

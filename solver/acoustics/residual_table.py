@@ -73,7 +73,7 @@ class ResidualTable:
         Parameters
         ----------
         transducer : Transducer
-            Of a model that is a Rayleigh integral.
+            Transducer of a model that is a Rayleigh integral.
         medium : Medium, optional
             The air; 20 °C by default.
         nearest : float

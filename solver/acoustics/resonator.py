@@ -44,7 +44,7 @@ class OnePole(NamedTuple):
         Parameters
         ----------
         drive : (t, ...) float or complex
-            In each step.
+            Drive in each step.
         start : (...) complex
             The state before the first.
 
@@ -61,13 +61,7 @@ class OnePole(NamedTuple):
         return states
 
     def between(self, fraction: ArrayLike) -> NDArray[np.complex128]:
-        """Weight λ of the next state for a moment within a step: the state there is (1 − λ)·z + λ·(next z), exactly.
-
-        Parameters
-        ----------
-        fraction : (...) float
-            Of the step that has passed, 0 to 1.
-        """
+        """Weight λ of the next state after a ``fraction`` of a step: the state is (1 − λ)·z + λ·(next z), exactly."""
         decayed = np.exp(np.log(self.decay) * np.asarray(fraction, dtype=np.float64))
         return np.asarray((1 - decayed) / (1 - self.decay))
 
@@ -87,7 +81,7 @@ class Resonator:
     Parameters
     ----------
     frequency : float
-        At which it responds most, in hertz.
+        Frequency at which it responds most, in hertz.
     time_constant : float
         τ of its amplitude, in seconds; `Transducer` names its source.
 

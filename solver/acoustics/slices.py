@@ -28,9 +28,9 @@ def slice_field(
     Parameters
     ----------
     aperture : Aperture
-        In the plane z = 0, around the origin.
+        Aperture in the plane z = 0, around the origin.
     z : float
-        Of the square, in metres; several pixels at least.
+        Height of the square, in metres; several pixels at least.
     extent : float
         Side of the square, in metres, rounded down to an even number of pixels so that one sample is in the middle.
     medium : Medium, optional

@@ -15,7 +15,7 @@ from numpy.polynomial.chebyshev import Chebyshev
 from numpy.polynomial.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from ..compiled import kernels
+from ..compiled import layout, propagation, updates
 from ..compiled.simd import LANES
 from ..compiled.threads import THREADS, share
 from ..geometry import frozen
@@ -83,12 +83,12 @@ def _make_tables(array: TransducerArray, medium: Medium) -> ArrayTables:
     low, high = array.positions.min(axis=0), array.positions.max(axis=0)
     origin = (low + high) / 2
     able = array.able
-    elements = aligned(kernels.ELEMENT_ROWS, -(-n // LANES) * LANES)
-    elements[kernels.X : kernels.Z + 1, :n] = (array.positions - origin).T
-    elements[kernels.NX : kernels.NZ + 1, :n] = array.normals.T
-    elements[kernels.GAIN, :n] = np.where(able, np.abs(array.response), 0)
-    elements[kernels.LEAD, :n] = np.angle(array.response * transducer.polarity) / (2 * np.pi)
-    elements[kernels.LIMIT, :n] = np.where(able, array.limits, 0)
+    elements = aligned(layout.ELEMENT_ROWS, -(-n // LANES) * LANES)
+    elements[layout.X : layout.Z + 1, :n] = (array.positions - origin).T
+    elements[layout.NX : layout.NZ + 1, :n] = array.normals.T
+    elements[layout.GAIN, :n] = np.where(able, np.abs(array.response), 0)
+    elements[layout.LEAD, :n] = np.angle(array.response * transducer.polarity) / (2 * np.pi)
+    elements[layout.LIMIT, :n] = np.where(able, array.limits, 0)
     return ArrayTables(
         frozen(elements),
         _wave_of(array, medium),
@@ -110,7 +110,7 @@ def _bounds_of(array: TransducerArray) -> NDArray[np.float64]:
 def can_reach(tables: ArrayTables, farthest: float) -> bool:
     """Whether the kernels are exact enough up to a distance in metres, and not nearly all is absorbed on the way."""
     absorbed = 0.0 if tables.nepers is None else float(tables.nepers) * farthest
-    return absorbed <= kernels.MAX_NEPERS and float(tables.turns) * farthest <= MAX_TURNS
+    return absorbed <= propagation.MAX_NEPERS and float(tables.turns) * farthest <= MAX_TURNS
 
 
 def farthest_of(tables: ArrayTables, points: NDArray[np.float64]) -> float:
@@ -132,10 +132,10 @@ def _wave_of(
     def directivity(sine_squared: NDArray[np.float64]) -> NDArray[np.float64]:
         return residual(transducer, np.sqrt(np.clip(sine_squared, 0, 1)), 1.0, medium).real
 
-    fitted = Chebyshev.interpolate(directivity, kernels.DIRECTIVITY_TERMS - 1, domain=[0, 1])
+    fitted = Chebyshev.interpolate(directivity, propagation.DIRECTIVITY_TERMS - 1, domain=[0, 1])
     between = np.linspace(0, 1, 200)
     if np.abs(fitted(between) - directivity(between)).max() <= POLYNOMIAL_ERROR:
-        coefficients = np.zeros(kernels.DIRECTIVITY_TERMS, dtype=np.float32)
+        coefficients = np.zeros(propagation.DIRECTIVITY_TERMS, dtype=np.float32)
         powers = fitted.convert(kind=Polynomial).coef
         coefficients[: len(powers)] = powers
         return (frozen(coefficients),)
@@ -173,9 +173,12 @@ def pressure_at(
     emitted = aligned(2, tables.elements.shape[1])
     emitted[0, : len(array)], emitted[1, : len(array)] = scaled.real, scaled.imag
     pressure = np.empty(len(points), dtype=np.complex128)
-    kernel: Callable[..., None] = kernels.sum_pressure if len(tables.wave) == 1 else kernels.sum_pressure_by_table
+    kernel: Callable[..., None] = (
+        propagation.sum_pressure if len(tables.wave) == 1 else propagation.sum_pressure_by_table
+    )
     threads = THREADS if len(points) * len(array) >= SHARED_PAIRS else 1
-    each = -(-len(points) // (threads * kernels.POINTS)) * kernels.POINTS  # whole blocks: their bits stay the same
+    block = propagation.POINTS
+    each = -(-len(points) // (threads * block)) * block  # whole blocks: their bits stay the same
 
     def work(thread: int) -> None:
         part = slice(thread * each, (thread + 1) * each)
@@ -196,15 +199,12 @@ def pressure_at(
 
 
 def arrivals_at(tables: ArrayTables, array: TransducerArray, points: NDArray[np.float64]) -> NDArray[np.complex64]:
-    """Each transducer's wave at (m, 3) unchecked points per unit drive in pascals, without the phase of its path.
+    """Each transducer's wave (m, n) at unchecked points (m, 3) per unit drive in pascals, its path's phase left out.
 
-    Returns
-    -------
-    (m, n) complex64
-        P₁·polarity·response·residual·e^{−αr}/r: `transfer_matrix` without e^{ikr}.
+    It is P₁·polarity·response·residual·e^{−αr}/r: `transfer_matrix` without e^{ikr}.
     """
     re, im = np.empty((2, len(points), tables.elements.shape[1]), dtype=np.float32)
-    kernel: Callable[..., None] = kernels.transfer if len(tables.wave) == 1 else kernels.transfer_by_table
+    kernel: Callable[..., None] = propagation.transfer if len(tables.wave) == 1 else propagation.transfer_by_table
     wanted, reach = np.zeros(len(points), dtype=np.float32), aligned(tables.elements.shape[1])
     kernel(
         tables.elements,
@@ -227,14 +227,14 @@ def surely_reachable(array: TransducerArray, points: NDArray[np.float64], reach:
     """Whether none of (m, 3) points, up to ``reach`` metres away, needs a closer look by `points.check_reachable`."""
     if (bounds := _bounds.get(array)) is None:
         bounds = _bounds[array] = _bounds_of(array)
-    return kernels.suspect(points, bounds, reach) < 0
+    return propagation.suspect(points, bounds, reach) < 0
 
 
 def too_close(array: TransducerArray, tables: ArrayTables, points: NDArray[np.float64]) -> Iterator[int]:
     """Indices of those (k, 3) points that may be nearer to a transducer than its model allows."""
     index = -1
     while True:
-        index = kernels.first_too_close(
+        index = propagation.first_too_close(
             tables.elements, len(array), tables.origin, tables.bounds, array.transducer.nearest, points, index + 1
         )
         if index < 0:
@@ -245,7 +245,7 @@ def too_close(array: TransducerArray, tables: ArrayTables, points: NDArray[np.fl
 def compilation() -> dict[str, tuple[int, int]]:
     """How many variants of each kernel were loaded from numba's cache, and how many compiled, in this process."""
     found: dict[str, tuple[int, int]] = {}
-    for name, value in vars(kernels).items():
+    for name, value in (vars(propagation) | vars(updates)).items():
         stats: Any = getattr(value, "stats", None)
         if callable(value) and stats is not None:
             hits, misses = sum(stats.cache_hits.values()), sum(stats.cache_misses.values())

@@ -1,8 +1,8 @@
 """The Gram matrix by blocks, for a transfer matrix that does not fit the cache; blocks are shared among threads.
 
-It takes most of the time of a big problem. `kernels.fill_gram` reads every row of B again for every two others; here
+It takes most of the time of a big problem. `algebra.fill_gram` reads every row of B again for every two others; here
 a panel of columns is copied, so that it lies together, and used up block by block before the next. `begin` does
-what `kernels.begin` does, and is tested against it.
+what `updates.begin` does, and is tested against it.
 """
 
 from __future__ import annotations
@@ -11,14 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from .kernels import F, _kernel, _part, align, carve, enter, products, weigh_all
+from .algebra import enter, products
+from .layout import F, _kernel, _part, carve
 from .simd import LANES, load, store
 from .threads import share
+from .updates import align, weigh_all
 
 __all__ = ["BLOCKED_PAIRS", "begin"]
 
 BLOCKED_PAIRS = 250_000
-"""Points · transducers from which on the blocks are faster than `kernels.fill_gram`: 2 MB of B. By
+"""Points · transducers from which on the blocks are faster than `algebra.fill_gram`: 2 MB of B. By
 ``benchmarks/scaling.py``, on a core with 1 MB of second-level cache, they are there as fast with 1024 transducers, 1.3
 times as fast with 4096, and over 3 times at 17 million. OpenBLAS's cherk is 0.4 times as fast as they are."""
 
@@ -90,7 +92,7 @@ def align_points(m: int, columns: int, phase_steps: int, power: bool, u: Any, wo
 def begin(
     m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: Any, work: Any, *, threads: int = 1
 ) -> None:
-    """What `kernels.begin` does, with the same bits for any number of threads.
+    """What `updates.begin` does, with the same bits for any number of threads.
 
     Each thread copies a panel of m · `DEPTH` columns at a time, 4 MB at 1024 points.
     """

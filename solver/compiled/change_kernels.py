@@ -23,24 +23,12 @@ def follow(
     wanted: Any, amplitude_periods: int, phase_periods: int, amplitude_rate: float, phase_rate: float,
     silent: float, targets: Any, state: Any, steps: Any, drives: Any,
 ) -> None:  # fmt: skip
-    """Write what is emitted in place of wanted drives.
+    """Write into ``drives`` (t, n) what is emitted in place of the ``wanted`` drives (t, n) of each carrier period.
 
-    Parameters
-    ----------
-    wanted : (t, n) complex64
-        In each carrier period.
-    amplitude_periods, phase_periods : int
-        In which a change is completed; 0 if rates limit it.
-    amplitude_rate, phase_rate : float
-        Greatest change in a period, phase in radians; heeded if the periods are 0.
-    silent : float
-        Below this an amplitude is silence, which has no phase.
-    targets : (n,) complex64
-        The drives that were wanted last; changed.
-    state, steps : (2, n) float64
-        Amplitude and phase that were emitted last, and their changes in a period; changed.
-    drives : (t, n) complex64
-        Written.
+    A change of amplitude or of phase is completed in a number of periods, or, if that is 0, limited to a rate for each
+    period, of the phase in radians. An amplitude below ``silent`` is silence, which has no phase. ``targets`` (n,) are
+    the drives that were wanted last, ``state`` (2, n) amplitude and phase that were emitted last, and ``steps`` (2, n)
+    their changes in a period; all three are changed.
     """
     for q in range(wanted.shape[1]):
         amplitude, phase = state[0, q], state[1, q]

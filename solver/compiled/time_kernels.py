@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...base.compiling import kernel
+from ...base.compiling import kernel, part
 from .simd import LANES, load, spread, store
 
 __all__ = ["POINTS_AT_ONCE", "WORD_BITS", "place_envelopes", "place_waves", "ring", "sum_bursts", "write_drives"]
@@ -32,22 +32,12 @@ def _fast_kernel(function: Function) -> Function:
 
 @kernel
 def ring(words: Any, drives: Any, decay: Any, rate: Any, before: Any, state: Any, states: Any) -> None:
-    """Ring one resonator for each bit of some words.
+    """Ring one resonator for each bit of some words: bit b of word v is resonator 32·v + b.
 
-    Parameters
-    ----------
-    words : (t, w) uint32
-        Levels in each step; bit b of word v is resonator 32·v + b.
-    drives : (2, 2) float64
-        The drive in a step, by the level in the step before (row) and in this one (column).
-    decay, rate : complex128
-        z ← decay·z + rate·drive.
-    before : (w,) uint32
-        Levels in the step before the first.
-    state : (32 w,) complex128
-        Before the first step; afterwards, after the last.
-    states : (32 w, t + 1) complex64
-        Written: the states at the beginning of each step, and at the end of the last.
+    ``words`` (t, w) are the levels in each step, and ``before`` (w,) those in the step before. The drive in a step is
+    ``drives[level in the step before, level in this one]``, and z ← decay·z + rate·drive. ``state`` (32 w,) is that
+    before the first step; afterwards that after the last. ``states`` (32 w, t + 1) is written: the states at the
+    beginning of each step, and at the end of the last.
     """
     steps = words.shape[0]
     for q in range(state.size):
@@ -64,21 +54,7 @@ def ring(words: Any, drives: Any, decay: Any, rate: Any, before: Any, state: Any
 
 @kernel
 def write_drives(words: Any, drives: Any, before: Any, rows: Any, written: Any) -> None:
-    """Write out the drive of each bit of some words.
-
-    Parameters
-    ----------
-    words : (t, w) uint32
-        As for `ring`.
-    drives : (2, 2) float32
-        As for `ring`.
-    before : (w,) uint32
-        Levels in the step before the first.
-    rows : (32 w,) int64
-        Row of each bit.
-    written : (32 w, t) float32
-        Written.
-    """
+    """Write out the drive of each bit of some words, see `ring`, into its row of ``written`` (32 w, t)."""
     for q in range(rows.size):
         word, bit = q // WORD_BITS, np.uint32(q % WORD_BITS)
         row, earlier = written[rows[q]], before[word] >> bit & np.uint32(1)
@@ -92,25 +68,12 @@ def write_drives(words: Any, drives: Any, before: Any, rows: Any, written: Any) 
 def place_waves(
     points: Any, sources: Any, arrival: Any, rate: float, turn: float, weight: Any, lag: Any, here: Any, following: Any
 ) -> None:
-    """Delays and weights with which points receive the real waves of sources.
+    """Delays and weights with which points (k, 3) receive the real waves of sources (n, 3), in metres.
 
-    Parameters
-    ----------
-    points : (k, 3) float64
-    sources : (n, 3) float64
-        In metres.
-    arrival : (k, n) complex64
-        The wave that arrives, without the phase of its path. A phase that is more than a sign is taken for a delay.
-    rate : float
-        Steps per metre.
-    turn : float
-        Steps per radian.
-    weight : (d,) complex128
-        Polynomial, ascending, of the part of a step that has passed: the weight of the following state.
-    lag : (k, n) int64
-        Written: whole steps, rounded up.
-    here, following : (k, n) complex64
-        Written: weights of the state so many steps ago and of the one after it.
+    ``arrival`` (k, n) is the wave that arrives, without the phase of its path; a phase that is more than a sign is
+    taken for a delay. ``rate`` is in steps per metre, ``turn`` in steps per radian. ``weight`` (d,) are the ascending
+    coefficients of the weight of the following state, a polynomial in the part of a step that has passed. Written, (k,
+    n) each: ``lag`` in whole steps, rounded up, and the weights of the state so many steps ago and of the one after it.
     """
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -134,16 +97,9 @@ def place_envelopes(
 ) -> None:
     """Delays and weights with which points receive envelopes that each drive a field of sources.
 
-    Parameters
-    ----------
-    points, sources, arrival, rate, weight
-        See `place_waves`; a step is a period of the carrier.
-    fields : (2, n, r) float32
-        Real and imaginary parts of the factor that makes each envelope the drive of each source.
-    first : int
-        Steps ago of the first column.
-    re, im : (k, lags, r) float32
-        Written: weights of the envelopes so many steps ago, from `first` on.
+    See `place_waves`; a step is a period of the carrier. ``fields`` (2, n, r) is the factor, real and imaginary part,
+    that makes each of r envelopes the drive of each source. Written, (k, lags, r) each: ``re`` and ``im``, the weights
+    of the envelopes so many steps ago, from ``first`` on.
     """
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -157,21 +113,21 @@ def place_envelopes(
                 ahead = ahead * passed + weight[power]
             wave = complex(arrival[i, q]) * complex(math.cos(2 * math.pi * passed), -math.sin(2 * math.pi * passed))
             column = int(whole) - first
-            for at, part in ((column, wave * (1 - ahead)), (column - 1, wave * ahead)):
-                a, b = np.float32(part.real), np.float32(part.imag)
+            for at, share in ((column, wave * (1 - ahead)), (column - 1, wave * ahead)):
+                a, b = np.float32(share.real), np.float32(share.imag)
                 for r in range(fields.shape[2]):
                     u, v = fields[0, q, r], fields[1, q, r]
                     re[i, at, r] += a * u - b * v
                     im[i, at, r] += a * v + b * u
 
 
-@_fast_kernel
+@part
 def _spread(here: Any, following: Any) -> Any:
     """Factors of the real and imaginary parts of two states, for the real part of their weighted sum."""
     return spread(here.real), spread(-here.imag), spread(following.real), spread(-following.imag)
 
 
-@_fast_kernel
+@part
 def _add(total: Any, row: int, column: int, vector: Any) -> None:
     store(total, row, column, load(total, row, column) + vector)
 
@@ -180,15 +136,10 @@ def _add(total: Any, row: int, column: int, vector: Any) -> None:
 def sum_bursts(waves: Any, lag: Any, here: Any, following: Any, total: Any) -> None:
     """Add up waves that begin alike and arrive after different times; for several such sets of waves.
 
-    Parameters
-    ----------
-    waves : (4, r n, t) float32
-        For each set and source the states at the beginning of each step, real and imaginary parts, and at its end. The
-        number of steps is filled up with zeros to a multiple of `LANES`.
-    lag, here, following : (k, n)
-        As from `place_waves`; the lags count from the first column of `total`. k is a multiple of `POINTS_AT_ONCE`.
-    total : (k r, columns) float32
-        Written; with room for t steps after the greatest lag.
+    ``waves`` (4, r n, t) are, for each set and source, the states at the beginning of each step, real and imaginary
+    parts, and at its end; t is filled up with zeros to a multiple of `LANES`. ``lag``, ``here`` and ``following`` are
+    those of `place_waves`, the lags from the first column of ``total``; k is a multiple of `POINTS_AT_ONCE`. ``total``
+    (k r, columns) is written; it has room for t steps after the greatest lag.
     """
     re, im, next_re, next_im = waves[0], waves[1], waves[2], waves[3]
     points, sources = lag.shape

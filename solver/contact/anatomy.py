@@ -55,19 +55,10 @@ _BENDS = np.cumsum(np.deg2rad(_CURLED_DEGREES), axis=1)
 
 
 def posed(side: Side, curl: ArrayLike = 0.0) -> NDArray[np.float64]:
-    """The mean hand with its fingers bent.
+    """Landmarks (21, 3) of the mean hand with its fingers bent, in metres.
 
-    Parameters
-    ----------
-    side : str
-        "left" or "right".
-    curl : float or (5,) float
-        Of all fingers or of each from the thumb on: 0 is straight, 1 as in a fist.
-
-    Returns
-    -------
-    (21, 3) float
-        Landmarks in metres: the wrist at the origin, the fingertips to +y, the back of the hand to +z.
+    The wrist is at the origin, the fingertips are to +y, the back of the hand to +z. ``curl`` is that of all fingers,
+    or of each from the thumb on: 0 is straight, 1 as in a fist.
     """
     angles = (_BENDS * np.reshape(curl, (-1, 1)))[:, :, None]
     bones = (np.cos(angles) * _ALONG[:, None] - np.sin(angles) * _BACK[:, None]) * np.array(_BONES_MM)[:, :, None]

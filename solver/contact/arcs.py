@@ -25,15 +25,14 @@ class Arcs:
     Parameters
     ----------
     vertices : (k, 3) float
-        Vertices of all arcs, one arc after the other, in metres, in the array's coordinates. A closed arc repeats its
-        first vertex at its end.
+        Vertices of all arcs in metres, one arc after the other. A closed arc repeats its first vertex at its end.
     along : (k,) float
-        The place of each vertex on its mesh edge, from 0 at the edge's first mesh vertex to 1 at its second; 0 if
-        it is on no edge.
+        Place of each vertex on its mesh edge, from 0 at the edge's first mesh vertex to 1 at its second; 0 if it is on
+        no edge.
     names : (k, 3) int
-        Of each vertex, what `faces`, `quads` and `edges` say.
+        What `faces`, `quads` and `edges` say of each vertex.
     rows : (a + 1, 3) int
-        Of each arc, its first vertex, and what `closed` and `objects` say; then the number of vertices, -1 and -1.
+        First vertex of each arc, and what `closed` and `objects` say; then the number of vertices, -1 and -1.
 
     Notes
     -----

@@ -33,10 +33,7 @@ def append_arcs(pieces: Any, ends: Any, places: Any, hands: bool, pose: Any, num
                 names: Any, rows: Any, arcs: int) -> Any:  # fmt: skip
     """Join what `cut.segments` found of an object to arcs, and append them to those of other objects.
 
-    Returns
-    -------
-    vertices, along, names, rows, arcs
-        As `Arcs` has them, and how many arcs there are; the arrays have room for more.
+    Returns vertices, along, names and rows as `Arcs` has them, with room for more, and how many arcs there are.
     """
     nodes = _nodes(pieces, ends, hands)
     links, paired = _paired(nodes)
@@ -193,12 +190,8 @@ def _apart2(places: Any, one: int, other: int) -> Any:
 def _found(pieces: Any, places: Any, links: Any) -> Any:
     """The arcs, by the first quadrilateral and face of each, whose segment gives the direction.
 
-    An arc without length is left out: it touches the mesh in one point.
-
-    Returns
-    -------
-    (a,) int, (a,) bool, int
-        The end at which each begins, whether it is closed, and an upper bound of the number of their vertices.
+    An arc without length is left out: it touches the mesh in one point. Returns the end at which each begins, whether
+    it is closed, and an upper bound of the number of their vertices.
     """
     n = len(pieces)
     visited = np.zeros(n, np.bool_)

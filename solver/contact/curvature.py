@@ -32,26 +32,13 @@ Indices = NDArray[np.int64]
 
 
 def edge_curvature(vertices: Floats, faces: Indices, edges: Indices, edge_faces: Indices) -> Floats:
-    """The curvature indicator at both ends of each edge, in radians; between them it is linear.
+    """The curvature indicator (e, 2) at both ends of each edge, in radians; between them it is linear.
 
-    Parameters
-    ----------
-    vertices : (v, 3) float
-        In metres.
-    faces : (f, 3) int
-        Vertices of each face.
-    edges : (e, 2) int
-        Vertices of each edge.
-    edge_faces : (e, 2) int
-        Faces at each edge, -1 if there is no second one.
-
-    Returns
-    -------
-    (e, 2) float
-        0 for edges inside flat faces, whose dihedral angle is less than `FLAT`; the dihedral angle for edges of less
-        than `SHARP`. Sharp edges that continue each other in a straight line are one edge between two corners: at a
-        corner the value is the dihedral angle or the magnitude of the corner's angular defect, whichever is more, and
-        along the line it is linear.
+    ``edges`` (e, 2) are vertices, and ``edge_faces`` (e, 2) faces at each edge, -1 if there is no second one. The
+    indicator is 0 for edges inside flat faces, whose dihedral angle is less than `FLAT`, and the dihedral angle for
+    edges of less than `SHARP`. Sharp edges that continue each other in a straight line are one edge between two
+    corners: at a corner the value is the dihedral angle or the magnitude of the corner's angular defect, whichever is
+    more, and along the line it is linear.
     """
     angles = dihedral_angles(vertices, faces, edge_faces)
     values = np.repeat(np.where(angles < FLAT, 0, angles)[:, None], 2, axis=1)

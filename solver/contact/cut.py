@@ -36,6 +36,9 @@ ROOM = 1536
 """Segments for which there is room at once: what a hand cuts out of an object of 100 000 faces."""
 GRAZING = 1e-5
 """Of the coordinates: the least difference of the heights of an edge's ends with which that holds."""
+NORMAL, CORNER, LOW, HIGH, BLUR, SLACK, LENGTH, PLANE_NUMBERS = 0, 3, 6, 9, 12, 13, 14, 15
+"""In what `_prepare` says of a plane: its normal of any length, first corner, lowest and highest coordinates; margins
+for rounding of coordinates and of heights; the normal's length."""
 
 
 def cut(quads: ArrayLike, meshes: Mesh | Sequence[Mesh], hands: bool = False) -> Arcs:
@@ -90,22 +93,9 @@ def _cut(boxes: Any, links: Any, corners: Any, names: Any, curvature: Any, begin
 
 @part
 def cut_all(scene: Any, poses: Any, quads: Any, hands: bool) -> Any:
-    """Cut all objects.
+    """Cut all objects of a `Scene` at their ``poses`` (o, 4, 3), see `scene.poses`; the rest is as in `cut`.
 
-    Parameters
-    ----------
-    scene : Scene
-    poses : (o, 4, 3) float
-        As `scene.poses` has them.
-    quads : (q, 4, 3) float
-        In metres.
-    hands : bool
-        As in `cut`.
-
-    Returns
-    -------
-    vertices, along, names, rows
-        As `Arcs` has them.
+    Returns vertices, along, names and rows, as `Arcs` has them.
     """
     vertices, along = np.empty((64, 3)), np.empty(64)
     names, rows = np.empty((64, 3), np.int64), np.empty((17, 3), np.int64)
@@ -156,11 +146,10 @@ def _near(quad: Any, boxes: Any) -> bool:
 def _prepare(quad: Any, plane: Any, borders: Any, walls: Any) -> bool:
     """Write what all faces share. False if the quadrilateral has no area.
 
-    ``plane`` is its normal of any length, first corner, lowest and highest coordinates, margins for rounding of
-    coordinates and of heights, and the normal's length, 15 numbers. Of each border ``borders`` has the corner that
-    comes first in the order of coordinates, the way to the other one, and 1 if this is the way around the
-    quadrilateral, -1 if not, 0 if the border has no length. ``walls`` are the planes through the borders that are
-    perpendicular to it: unit normals to the inside, and offsets.
+    ``plane`` has `PLANE_NUMBERS` numbers, see `NORMAL`. Of each border ``borders`` has the corner that comes first in
+    the order of coordinates, the way to the other one, and 1 if this is the way around the quadrilateral, -1 if not, 0
+    if the border has no length. ``walls`` are the planes through the borders that are perpendicular to it: unit normals
+    to the inside, and offsets.
     """
     ax, ay, az = quad[2, 0] - quad[0, 0], quad[2, 1] - quad[0, 1], quad[2, 2] - quad[0, 2]
     bx, by, bz = quad[3, 0] - quad[1, 0], quad[3, 1] - quad[1, 1], quad[3, 2] - quad[1, 2]
@@ -168,13 +157,13 @@ def _prepare(quad: Any, plane: Any, borders: Any, walls: Any) -> bool:
     size = np.sqrt(x * x + y * y + z * z)
     if not size > FLAT * (ax * ax + ay * ay + az * az + bx * bx + by * by + bz * bz):
         return False
-    plane[0], plane[1], plane[2], plane[14] = x, y, z, size
+    plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2], plane[LENGTH] = x, y, z, size
     largest = 0.0
     for k in range(3):
         a, b, c, d = quad[0, k], quad[1, k], quad[2, k], quad[3, k]
-        plane[3 + k], plane[6 + k], plane[9 + k] = a, min(a, b, c, d), max(a, b, c, d)
+        plane[CORNER + k], plane[LOW + k], plane[HIGH + k] = a, min(a, b, c, d), max(a, b, c, d)
         largest = max(largest, abs(a), abs(b), abs(c), abs(d))
-    plane[12], plane[13] = FLAT * largest, FLAT * largest * size
+    plane[BLUR], plane[SLACK] = FLAT * largest, FLAT * largest * size
     for side in range(4):
         one, other, way = side, (side + 1) % 4, 0
         for k in range(3):
@@ -199,33 +188,19 @@ def _prepare(quad: Any, plane: Any, borders: Any, walls: Any) -> bool:
 def segments(
     quads: Any, pose: Any, boxes: Any, links: Any, corners: Any, names: Any, pieces: Any, ends: Any, places: Any
 ) -> int:
-    """What the quadrilaterals cut out of each face of a solid, and in the solid's coordinates.
+    """Number of segments that the quadrilaterals (q, 4, 3) cut out of the faces of a solid, in its coordinates.
+
+    ``pose`` (4, 3) is the object's, see `scene.poses`; ``boxes``, ``links``, ``corners`` and ``names`` are those of
+    `tables.SolidTables`. Three arrays are written as far as they have room. ``pieces`` (room, 2): quadrilateral and
+    face of each segment, by quadrilateral and then by leaf. Of the segments' starts and stops in turn, ``ends`` (2
+    room, 2): mesh edge, or -1, and side of the quadrilateral, or -1; and ``places`` (2 room, 4): coordinates, and place
+    on the mesh edge.
 
     The loops are one function, and no name of an array gets another array in them: numba counts references, and each
     count costs as much as a node or a face.
-
-    Parameters
-    ----------
-    quads : (q, 4, 3) float
-        In metres.
-    pose : (4, 3) float
-        Of the object: see `scene.poses`.
-    boxes, links, corners, names
-        Of the solid: see `tables.SolidTables`.
-    pieces : (room, 2) int32
-        Written: quadrilateral and face of each segment, by quadrilateral and then by leaf.
-    ends : (2 room, 2) int32
-        Written: of the segments' starts and stops in turn, mesh edge, or -1, and side of the quadrilateral, or -1.
-    places : (2 room, 4) float
-        Written: of the same, coordinates, and place on the mesh edge.
-
-    Returns
-    -------
-    int
-        How many segments there are. If there is less room, only so many are written.
     """
     n, room = 0, len(pieces)
-    quad, plane, borders, walls = np.empty((4, 3)), np.empty(15), np.empty((4, 7)), np.empty((4, 4))
+    quad, plane, borders, walls = np.empty((4, 3)), np.empty(PLANE_NUMBERS), np.empty((4, 7)), np.empty((4, 4))
     height, at, sides = np.empty(3), np.empty((2, 4)), np.empty((2, 3), np.int64)
     off, inside = np.empty(2), np.empty(2, np.bool_)
     nodes = len(boxes)
@@ -240,13 +215,16 @@ def segments(
                     quad[corner, k] += (quads[q, corner, j] - pose[3, j]) * pose[j, k]
         if not _near(quad, boxes) or not _prepare(quad, plane, borders, walls):
             continue
-        nx, ny, nz, px, py, pz = plane[0], plane[1], plane[2], plane[3], plane[4], plane[5]
-        margin, slack, size = plane[12] + FLAT * extent, plane[13], plane[14]
-        mx, my, mz = (plane[6] + plane[9]) / 2, (plane[7] + plane[10]) / 2, (plane[8] + plane[11]) / 2
-        ex, ey, ez = plane[9] - mx + margin, plane[10] - my + margin, plane[11] - mz + margin
+        nx, ny, nz = plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
+        px, py, pz = plane[CORNER], plane[CORNER + 1], plane[CORNER + 2]
+        low_x, low_y, low_z = plane[LOW], plane[LOW + 1], plane[LOW + 2]
+        high_x, high_y, high_z = plane[HIGH], plane[HIGH + 1], plane[HIGH + 2]
+        margin, slack, size = plane[BLUR] + FLAT * extent, plane[SLACK], plane[LENGTH]
+        mx, my, mz = (low_x + high_x) / 2, (low_y + high_y) / 2, (low_z + high_z) / 2
+        ex, ey, ez = high_x - mx + margin, high_y - my + margin, high_z - mz + margin
         rise, spare = nx * (mx - px) + ny * (my - py) + nz * (mz - pz), margin * size
         across_x, across_y, across_z = abs(nx), abs(ny), abs(nz)
-        sure = SURE * (plane[12] / FLAT + extent)
+        sure = SURE * (plane[BLUR] / FLAT + extent)
         steep = GRAZING / SURE * sure * size
         node = 0
         while node < nodes:

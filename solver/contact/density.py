@@ -31,17 +31,7 @@ import numpy as np
 from ...base.compiling import part
 from .curvature import SHARP
 
-__all__ = [
-    "CLOSEST",
-    "FULL",
-    "SLIGHT",
-    "arrange",
-    "counts",
-    "locate",
-    "measure",
-    "strength",
-    "stretches",
-]
+__all__ = ["CLOSEST", "FULL", "SLIGHT", "arrange", "counts", "locate", "measure", "strength", "stretches"]
 
 CLOSEST = 6e-3
 """Least mean distance in metres between points on a stretch: where points crowd under some 6 mm, solving needs
@@ -73,13 +63,9 @@ def arrange(vertices: Any, names: Any, rows: Any, curvature: Any) -> Any:
     A closed arc without a bridge begins at a place that no triangulation decides: at a sharp crossing, if it has one;
     if there are several vertices to begin with, at the farthest in the direction `OUTWARD`.
 
-    Returns
-    -------
-    (k, 3), (k,), (k,), (k,)
-        Vertices; the quadrilateral of the piece that begins there, at the last vertex the one that ends there;
-        curvature; arc length from the arc's first vertex, in metres.
-    (a + 1,), (a,), (a,)
-        Of each of these arcs, its first vertex, whether it is closed, and its object.
+    Returns of each vertex: its place; the quadrilateral of the piece that begins there, at the last vertex the one that
+    ends there; curvature; and arc length from the arc's first vertex, in metres. Then the first vertex of each of these
+    arcs, (a + 1,), whether it is closed, and its object.
     """
     points, owners, values = np.empty_like(vertices), np.empty(curvature.size, np.int64), np.empty_like(curvature)
     reached, pieces = np.zeros(curvature.size), len(rows)
@@ -133,15 +119,10 @@ def _first_vertex(vertices: Any, curvature: Any, begin: int, end: int) -> Any:
 
 @part
 def measure(starts: Any, closed: Any, curvature: Any, reached: Any, spacing: Any) -> Any:
-    """The integral of the density along arcs.
+    """The integral of the density along arcs: steps from the arc's first vertex to each, (k,).
 
-    Returns
-    -------
-    (k,) float
-        Steps from the arc's first vertex to each: the integral of the density.
-    (k, 4) float
-        Of the piece that each vertex begins or is inside: κ₀ and κ₁ in units of `FULL`, lowered if needed, and the
-        arc lengths t₀ and t₁ in metres.
+    Then, (k, 4), of the piece that each vertex begins or is inside: κ₀ and κ₁ in units of `FULL`, lowered if needed,
+    and the arc lengths t₀ and t₁ in metres.
     """
     steps, pieces = np.zeros(reached.size), np.zeros((reached.size, 4))
     fade = 1 / (FADING * spacing)
@@ -209,26 +190,12 @@ def strength(piece: Any, place: Any, spacing: Any) -> Any:
 def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, felt: Any, held: Any, spacing: Any) -> Any:
     """Divide the arcs that are felt at their anchors: sharp crossings, the sharper of two too close for two points.
 
-    No sharp crossing that may be an anchor is farther than `CLOSEST` from one.
+    No sharp crossing that may be an anchor is farther than `CLOSEST` from one. The arcs are as from `arrange`; ``felt``
+    (a,) says which have points, and ``held`` (k,) which vertices may be anchors although they are nearer than `SLIGHT`
+    to the end of their arc.
 
-    Parameters
-    ----------
-    starts, closed, curvature, reached
-        Of the arcs, as from `arrange`.
-    felt : (a,) bool
-        Which arcs have points.
-    held : (k,) bool
-        Which vertices may be anchors although they are nearer than `SLIGHT` to the end of their arc.
-    spacing : float
-        In metres.
-
-    Returns
-    -------
-    (s, 3) int
-        Arc, first vertex and last vertex of each stretch, in their order.
-    (s, 2) float
-        Distance from each end of the stretch to the point nearest to it, in steps: 1 at an anchor, ½ at an end, 0 at
-        both ends of a closed arc without anchors.
+    Returns arc, first vertex and last vertex of each stretch, (s, 3), and the distance from each of its ends to the
+    point nearest to it, (s, 2), in steps: 1 at an anchor, ½ at an end, 0 at both ends of a closed arc without anchors.
     """
     spans, gaps = np.empty((reached.size + closed.size, 3), np.int64), np.empty((reached.size + closed.size, 2))
     anchors = np.empty(reached.size, np.int64)
@@ -274,26 +241,12 @@ def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, felt: Any,
 
 @part
 def counts(lengths: Any, steps: Any, gaps: Any, before: Any, room: Any, spacing: Any) -> Any:
-    """How many points are on each stretch between its ends, anchors not counted.
+    """How many points (s,) are on each stretch between its ends, anchors not counted; at least one without an anchor.
 
-    Parameters
-    ----------
-    lengths : (s,) float
-        Arc lengths of the stretches, in metres.
-    steps : (s,) float
-        Integrals of the density over them.
-    gaps : (s, 2) float
-        As from `stretches`.
-    before : (s,) int
-        How many were there in the frame before, -1 on an arc that is new. That many stay as long as they fit within
-        `HOLD` or `SLACK`; else their number becomes the nearest that does.
-    room : int
-        Most points on all stretches together. If more are wanted, the density of all of them is lowered alike.
-
-    Returns
-    -------
-    (s,) int
-        A stretch without an anchor has at least one.
+    Of the stretches (s,), ``lengths`` are arc lengths in metres, ``steps`` integrals of the density, ``gaps`` as from
+    `stretches`, and ``before`` how many points were there in the frame before, -1 on an arc that is new. That many stay
+    as long as they fit within `HOLD` or `SLACK`; else their number becomes the nearest that does. If more are wanted
+    than there is ``room`` for, the density of all is lowered alike.
     """
     wanted = np.empty(steps.size, np.int64)
     if _fill(1.0, lengths, steps, gaps, before, spacing, wanted) <= room:

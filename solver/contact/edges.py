@@ -15,14 +15,9 @@ Indices = NDArray[np.int64]
 def edge_tables(faces: Indices, vertices: int) -> tuple[Indices, Indices, Indices]:
     """The edges of (f, 3) faces over a number of vertices, and which face has which.
 
-    Returns
-    -------
-    edges : (e, 2) int
-        The vertex with the smaller number first, sorted, each once.
-    face_edges : (f, 3) int
-        Edges of each face: from its first vertex to its second, from its second to its third, and back.
-    edge_faces : (e, 2) int
-        Faces at each edge; -1 if there is no second one, the first and the last if there are more.
+    Returns the edges (e, 2), sorted, each once, with the smaller vertex first; the edges of each face, (f, 3), from its
+    first vertex to its second, from its second to its third, and back; and the faces at each edge, (e, 2), -1 if there
+    is no second one, the first and the last if there are more.
     """
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     keys = ends.min(axis=1) * vertices + ends.max(axis=1)

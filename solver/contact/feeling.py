@@ -48,13 +48,13 @@ def feel(
     boxes, links, corners, names, curvature, begins, which
         A `Scene`; numba takes arrays one by one much faster.
     poses : (o, 4, 3) float
-        Of the objects: see `scene.poses`.
+        Poses of the objects: see `scene.poses`.
     quads : (q, 4, 3) float
-        Of the hands, in metres.
+        Quadrilaterals of the hands, in metres.
     known, poses_before, quads_before
         What was before: see `tracking.carry`.
     positions, marks, fresh, elapsed, spacing, most
-        Of the last points, and how new ones are placed: see `tracking.follow`.
+        The last points, and how new ones are placed: see `tracking.follow`.
 
     Returns
     -------

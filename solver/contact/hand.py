@@ -122,11 +122,11 @@ class Hand:
         Parameters
         ----------
         centre : (3,) float
-            Of the palm, in metres.
+            Centre of the palm, in metres.
         side : str
             "left" or "right".
         length : float
-            From the wrist to the middle fingertip, in metres.
+            Length from the wrist to the middle fingertip, in metres.
         curl : float or (5,) float
             How far all fingers bend, or each from the thumb on: from 0, straight, to 1, as in a fist.
 

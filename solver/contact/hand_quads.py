@@ -22,28 +22,17 @@ SMALL = 1e-9
 
 
 def _hand_quads(landmarks: NDArray[np.float64], widths: NDArray[np.float64], side_sign: float) -> NDArray[np.float64]:
-    """The quadrilaterals of a hand.
+    """The quadrilaterals (16, 4, 3) of a hand from its landmarks (21, 3), all in metres.
 
     All of a finger's quadrilaterals are broad along one axis u, so each of them is planar, and neighbours share a
-    border. That axis is nearly perpendicular to the finger's bones b: it minimises Σ (b·u)² + λ |u - a|². The rest
-    axis a is the palm's axis across the knuckles, turned as the finger's first bone is turned from the palm's axis to
-    the fingers; the thumb's is rolled first. So u follows the bones of a bent finger, is the rest axis of a straight
-    one, and changes smoothly between them.
+    border. That axis is nearly perpendicular to the finger's bones b: it minimises Σ (b·u)² + λ |u - a|². The rest axis
+    a is the palm's axis across the knuckles, turned as the finger's first bone is turned from the palm's axis to the
+    fingers; the thumb's is rolled first. So u follows the bones of a bent finger, is the rest axis of a straight one,
+    and changes smoothly between them.
 
-    Parameters
-    ----------
-    landmarks : (21, 3) float
-        In metres; they have been checked.
-    widths : (5,) float
-        Of each finger in metres.
-    side_sign : float
-        1 for a right hand, -1 for a left one.
-
-    Returns
-    -------
-    (16, 4, 3) float
-        The palm, then three of each finger from the thumb on, base first. Corners: base left, base right, tip right,
-        tip left, as seen on the back of the hand with the fingertips up; so they run counterclockwise there.
+    ``widths`` (5,) are those of the fingers; ``side_sign`` is 1 for a right hand, -1 for a left one. The palm comes
+    first, then three of each finger from the thumb on, base first. Corners: base left, base right, tip right, tip left,
+    as seen on the back of the hand with the fingertips up; so they run counterclockwise there.
     """
     quads = np.empty((16, 4, 3))
     across, along, axis, rest, bone = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
@@ -135,25 +124,12 @@ def _hand_quads(landmarks: NDArray[np.float64], widths: NDArray[np.float64], sid
 def _hand_measures(
     landmarks: NDArray[np.float64], bones: NDArray[np.float64]
 ) -> tuple[float, float, float, float, float, float]:
-    """What `Hand` checks.
+    """What `Hand` checks, of landmarks (21, 3) and the mean hand's ``bones`` (20,), both in metres and in one order.
 
-    Parameters
-    ----------
-    landmarks : (21, 3) float
-        In metres.
-    bones : (20,) float
-        Of the mean hand in metres, in the order of the landmarks at their ends.
-
-    Returns
-    -------
-    float, float, float
-        In metres: the mean length from the wrist to the knuckles; the length from the wrist to the middle of the
-        knuckles; the breadth from the index finger's knuckle to the little finger's, across that.
-    float, float
-        The shortest and the longest of the fingers' bones, each as a part of the mean hand's.
-    float
-        In radians: how far the outer joints of the four fingers bend to the back of the hand, on average, if it is a
-        right one.
+    In metres: the mean length from the wrist to the knuckles; the length from the wrist to the middle of the knuckles;
+    the breadth from the index finger's knuckle to the little finger's, across that. Then the shortest and the longest
+    of the fingers' bones, each as a part of the mean hand's. Then, in radians, how far the outer joints of the four
+    fingers bend to the back of the hand, on average, if it is a right one.
     """
     mean = 0.0
     along = np.zeros(3)

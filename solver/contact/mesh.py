@@ -37,7 +37,7 @@ class Solid:
     Parameters
     ----------
     vertices : (v, 3) float
-        In metres.
+        Vertices in metres.
     faces : (f, 3) int
         Vertices of each triangle, counterclockwise as seen from outside; f from 1 to `MOST_FACES`.
     repairs : tuple of str
@@ -139,7 +139,7 @@ class Mesh:
     rotation : (3, 3) float
         Turns the solid's coordinates into the array's.
     offset : (3,) float
-        Is added after the rotation, in metres.
+        Offset in metres, added after the rotation.
 
     Raises
     ------
@@ -264,7 +264,7 @@ class Mesh:
         size : float
             Side in metres of the cube that the shape just fits.
         centre : (3,) float
-            Of the shape's bounding box, in metres.
+            Centre of the shape's bounding box, in metres.
 
         Raises
         ------

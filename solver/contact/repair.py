@@ -62,7 +62,7 @@ def repair(vertices: Points, faces: Indices, *, may_be_open: bool = False) -> tu
     Parameters
     ----------
     vertices : (v, 3) float
-        In metres.
+        Vertices in metres.
     faces : (f, 3) int
         Vertices of each triangle.
     may_be_open : bool
@@ -71,7 +71,7 @@ def repair(vertices: Points, faces: Indices, *, may_be_open: bool = False) -> tu
     Returns
     -------
     vertices, faces
-        Of the surface.
+        The surface.
     repairs : tuple of str
         A clause for each kind of repair, such as "2 duplicate faces removed".
 

@@ -23,7 +23,7 @@ class Scene(NamedTuple):
     boxes, links, corners, names
         `SolidTables` of all solids.
     curvature : (e, 2) float
-        Of their edges, as `Solid.edge_curvature`; no rows if corners are not to be felt.
+        Curvature of their edges, as `Solid.edge_curvature`; no rows if corners are not to be felt.
     begins : (s + 1, 3) int
         The first node, face and edge of each solid among those of all, and their ends.
     which : (o,) int

@@ -24,21 +24,10 @@ SMOOTH = 2.5e-3
 def silhouette(
     joints: NDArray[np.float64], widths: NDArray[np.float64], palm: NDArray[np.float64]
 ) -> list[NDArray[np.float64]]:
-    """Outlines of a hand in a plane: of the union of a capsule for each bone with the palm, smoothed.
+    """Outlines of a hand in a plane: of the union of a capsule for each bone with the palm, smoothed; all in metres.
 
-    Parameters
-    ----------
-    joints : (5, 4, 2) float
-        Of each finger from the base to the tip, in metres.
-    widths : (5,) float
-        Of the fingers, in metres.
-    palm : (4, 2) float
-        A convex quadrilateral.
-
-    Returns
-    -------
-    list of (k, 2) float
-        Closed lines in metres; one, if fingers enclose nothing.
+    ``joints`` (5, 4, 2) are each finger's from the base to the tip, ``widths`` (5,) the fingers', and ``palm`` (4, 2)
+    is a convex quadrilateral. The outlines (k, 2) are closed; there is one, if fingers enclose nothing.
     """
     from contourpy import contour_generator
     from scipy.ndimage import gaussian_filter

@@ -25,11 +25,11 @@ class SolidTables(NamedTuple):
     Parameters
     ----------
     boxes : (n, 6) float32
-        Of the tree's nodes: the middle, and half of the extent, in metres.
+        Boxes of the tree's nodes: the middle, and half of the extent, in metres.
     links : (n + 1, 2) int32
-        As `Bvh.links` has them; each solid has one row more than nodes.
+        Links as in `Bvh.links`; each solid has one row more than nodes.
     corners : (f, 9) float
-        Of the tree's faces, leaf after leaf: the first vertex, the second, the third, in metres.
+        Faces of the tree, leaf after leaf: the first vertex, the second, the third, in metres.
     names : (f, 7) int32
         Numbers of the same faces, of their vertices, and of their edges.
     """

@@ -54,7 +54,7 @@ class Touch:
         m control points on the arcs; None if nothing is touched. Radiation force goes with the square of the amplitude:
         with corners it rises to twice that of a flat face at edges of 90° and more.
     marks : (4, m) int
-        Of each point, what `ids`, `objects`, `quads` and `anchors` say.
+        What `ids`, `objects`, `quads` and `anchors` say of each point.
     """
 
     cuts: Arcs
@@ -149,9 +149,9 @@ class Toucher:
         hands : Hand or sequence of Hand
             It may be empty.
         objects : Mesh or sequence of Mesh
-            In the same order in each frame.
+            The objects, in the same order in each frame.
         time : float, optional
-            Of the frame, in seconds by any clock. Without it, frames are taken to be `FRAME_SECONDS` apart.
+            Time of the frame, in seconds by any clock. Without it, frames are taken to be `FRAME_SECONDS` apart.
 
         Raises
         ------

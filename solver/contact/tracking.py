@@ -55,19 +55,10 @@ LOST = 0.05  # metres: a hand that has moved farther in one frame is another one
 
 @part
 def _motion(new: Any, old: Any, turn: Any, shift: Any) -> Any:
-    """How far each hand has moved: the largest motion of a corner in metres, to the nearest of the earlier hands.
+    """How far each hand has moved, (h,): the largest motion of a corner in metres, to the nearest of the earlier hands.
 
-    Parameters
-    ----------
-    new, old : (q, 4, 3) float
-        Quadrilaterals of the hands.
-    turn, shift : (3, 3), (3,)
-        The motion that is applied to the earlier ones first.
-
-    Returns
-    -------
-    (h,) float
-        Inf for a hand that was not there before.
+    ``new`` and ``old`` (q, 4, 3) are quadrilaterals of the hands; ``turn`` and ``shift`` are applied to the earlier
+    ones first. A hand that was not there before has moved infinitely far.
     """
     hands, others = len(new) // QUADS, len(old) // QUADS
     moved, carried = np.full(hands, np.inf), np.empty(old.shape)
@@ -96,21 +87,10 @@ def _motion(new: Any, old: Any, turn: Any, shift: Any) -> Any:
 def carry(poses: Any, quads: Any, known: Any, poses_before: Any, quads_before: Any, positions: Any, marks: Any) -> Any:
     """Move the last points with their objects, and say how far hands have moved since, as seen from each object.
 
-    Parameters
-    ----------
-    poses, poses_before : (o, 4, 3) float
-        Of the objects, now and before: see `scene.poses`.
-    quads, quads_before : (q, 4, 3) float
-        Of the hands, in metres.
-    known : (o,) bool
-        Which objects have the same solid as the one at their place before.
-    positions, marks
-        Of the last points.
+    ``poses`` (o, 4, 3) are the objects', see `scene.poses`; ``quads`` (q, 4, 3) the hands', in metres; ``known`` (o,)
+    says which objects have the same solid as the one at their place before.
 
-    Returns
-    -------
-    (m, 3), (o, h) float
-        Positions, and motions; inf if the hand or the object is another one.
+    Returns positions (m, 3), and motions (o, h), infinite if the hand or the object is another one.
     """
     carried = positions.copy()
     moved = np.full((len(poses), len(quads) // QUADS), np.inf)
@@ -153,31 +133,16 @@ def follow(
     fresh: int,
     elapsed: int,
 ) -> Any:
-    """Place control points on the arcs of a frame.
+    """Place control points on the arcs of a frame, see `Arcs`.
 
-    Parameters
-    ----------
-    vertices, names, rows
-        Of the arcs: see `Arcs`.
-    curvature : (k,) float
-        At the vertices, in radians; all 0 for even spacing.
-    spacing : float
-        Arc length between points where nothing is curved, in metres.
-    most : int
-        Most points.
-    moved : (o, h) float
-        How far each hand has moved since the last frame, as seen from each object, in metres; inf if either is new.
-    positions, marks : (m, 3), (5, m)
-        The points of the last frame: their places, moved with their objects since; and their marks, as in `placing`.
-    fresh : int
-        The next new identity.
-    elapsed : int
-        Since the last frame, in µs.
+    ``curvature`` (k,) at the vertices is in radians; all 0 for even spacing. ``spacing`` is the arc length between
+    points where nothing is curved, in metres, and ``most`` the largest number of points. ``moved`` (o, h) is how far
+    each hand has moved since the last frame, as seen from each object; infinite if either is new. ``positions`` (m, 3)
+    of the last frame's points are moved with their objects since, and ``marks`` (5, m) are as in `placing`. ``fresh``
+    is the next new identity, and ``elapsed`` the time since the last frame in µs.
 
-    Returns
-    -------
-    positions, amplitudes, marks, fresh
-        Of this frame, with points that wait. A point keeps its index as long as no point before it ends unreplaced.
+    Returns positions, amplitudes, marks and fresh of this frame, with points that wait. A point keeps its index as long
+    as no point before it ends unreplaced.
     """
     points, owners, values, reached, starts, closed, objects = density.arrange(vertices, names, rows, curvature)
     steps, pieces = density.measure(starts, closed, values, reached, spacing)

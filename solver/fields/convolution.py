@@ -29,7 +29,7 @@ class PlanePropagator:
         n transducers at one height, which look the same way and stand on a square grid along x and y. Places of the
         grid may be empty.
     height : float
-        Of the plane, in metres.
+        Height of the plane, in metres.
     extent : float
         Side of the square, in metres, as in `sample_plane`.
     per_pitch : int

@@ -59,8 +59,7 @@ def draw_plane(
     if decibels:
         levels = bar.ax.secondary_yaxis("left")
         levels.set_yticks(
-            [end * 10 ** (level / what.decade) for level in LEVELS],
-            [f"{level}".replace("-", "−") for level in LEVELS],
+            [end * 10 ** (level / what.decade) for level in LEVELS], [f"{level}".replace("-", "−") for level in LEVELS]
         )
         spl = f" ({float(sound_pressure_level(end)):.0f} dB SPL)" if quantity == "pressure" else ""
         levels.set_ylabel(f"dB re maximum{spl}", labelpad=1)
@@ -73,10 +72,7 @@ def draw_oil(
 ) -> Axes:
     """Draw the surface of oil that a field pushes down, lit from the upper left at a shallow angle.
 
-    Raises
-    ------
-    ValueError
-        If the plane is not horizontal.
+    `ValueError` if the plane is not horizontal.
     """
     surface = oil_surface(field, oil)
     marked = None if points is None else control_points(points)

@@ -117,7 +117,7 @@ class PlaneField(Field, Drawable):
         Parameters
         ----------
         ax : matplotlib axes, optional
-            To draw onto; by default those of a new figure of pyplot.
+            Axes to draw onto; by default those of a new figure of pyplot.
         points : ControlPoints, Shape or (m, 3) float, optional
             Those in the plane are marked.
         quantity : str
@@ -182,7 +182,7 @@ def sample_plane(
     drive : (n,) complex
         Drives.
     height : float
-        Of the plane, in metres.
+        Height of the plane, in metres.
     extent : float
         Side of the square, in metres, rounded down to an even number of steps so that one sample is in the middle.
     step : float
@@ -190,7 +190,7 @@ def sample_plane(
     medium : Medium, optional
         The air; 20 °C by default.
     backend : {"cpu", "cuda"}
-        As for `pressure`, in single precision.
+        What computes, as for `pressure`, in single precision.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def sample_cut(
     medium : Medium, optional
         The air; 20 °C by default.
     backend : {"cpu", "cuda"}
-        As for `pressure`, in single precision.
+        What computes, as for `pressure`, in single precision.
 
     Raises
     ------

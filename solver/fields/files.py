@@ -23,14 +23,7 @@ from ..shapes.points import ControlPoints
 from .field import Field, PlaneField, VolumeField
 from .grid import Grid
 
-__all__ = [
-    "load_field",
-    "load_solution",
-    "read_arrays",
-    "save_field",
-    "save_solution",
-    "solution_in",
-]
+__all__ = ["load_field", "load_solution", "read_arrays", "save_field", "save_solution", "solution_in"]
 
 SOLUTION_FORMAT = "phasewire-solution-2"
 EARLIER_FORMATS = ("phasewire-solution-1",)

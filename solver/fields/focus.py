@@ -63,9 +63,9 @@ class Focus:
     Parameters
     ----------
     index : int
-        Of the control point.
+        Index of the control point.
     position : (3,) float
-        Of the control point, in metres.
+        Place of the control point, in metres.
     amplitude : float
         Wanted, relative to the other points.
     pressure : float
@@ -73,7 +73,7 @@ class Focus:
     peak : float
         Largest |p| at the point's height within its neighbourhood, in Pa (peak).
     offset : (3,) float
-        From the point to that peak, in metres.
+        Vector from the point to that peak, in metres.
     width : (3,) float or None
         Through the peak along x, y and z: the distance in metres within which |p| is at least half the peak; None if
         it does not fall below that within four neighbourhoods, as between foci that touch.
@@ -164,11 +164,7 @@ class FocusReport(Drawable):
                 relative = [focus.pressure / focus.amplitude for focus in foci]
                 axes.bar([focus.index for focus in foci], relative, **dict[str, Any](color=colour, label=label) | style)
         axes.axhline(self.mean, color="0.3", linestyle="--", linewidth=1, label="mean |p|")
-        axes.set(
-            title=title,
-            xlabel="control point",
-            ylabel="|p| / amplitude / Pa",
-        )
+        axes.set(title=title, xlabel="control point", ylabel="|p| / amplitude / Pa")
         axes.locator_params(axis="x", integer=True)
         axes.legend(loc="lower right")
         return axes
@@ -225,11 +221,7 @@ class FocusReport(Drawable):
 
 
 def focus_report(
-    array: TransducerArray,
-    drive: ArrayLike,
-    points: Wanted,
-    medium: Medium | None = None,
-    grid: Grid | None = None,
+    array: TransducerArray, drive: ArrayLike, points: Wanted, medium: Medium | None = None, grid: Grid | None = None
 ) -> FocusReport:
     """See what a drive makes of control points.
 

@@ -74,7 +74,7 @@ class Grid:
         letters : str
             Two or all of x, y and z, in the order of the grid's axes.
         centre : (3,) float
-            In metres.
+            Middle in metres.
         extent : float or sequence of float
             Length along every axis, or along each, in metres, rounded down to an even number of steps so that one
             sample is in the middle.

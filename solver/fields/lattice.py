@@ -34,7 +34,7 @@ class Lattice(NamedTuple):
     Parameters
     ----------
     pitch : float
-        In metres.
+        Pitch in metres.
     cells : (n, 2) int
         Column and row of each transducer, from 0.
     response : (n,) complex
@@ -97,27 +97,10 @@ def spectrum_size(lattice: Lattice, counts: tuple[int, ...], per_pitch: int) -> 
 def shifts_over(
     lattice: Lattice, grid: Grid, height: float, per_pitch: int, medium: Medium, precision: Precision
 ) -> Shifts:
-    """From drives to the field over a plane.
+    """From drives to the field over a plane at a height in metres; `ValueError` if a sample is too close for the model.
 
-    Parameters
-    ----------
-    lattice : Lattice
-        The array.
-    grid : Grid
-        Its first two axes are x and y.
-    height : float
-        Of the plane, in metres.
-    per_pitch : int
-        The array's pitch divided by the grid's step.
-    medium : Medium
-        The air.
-    precision : {"double", "single"}
-        Of the field of one transducer; its transform has it too, and is kept in single precision.
-
-    Raises
-    ------
-    ValueError
-        If a sample is too close for the transducer's model.
+    The first two axes of the grid are x and y, and the array's pitch is ``per_pitch`` of its steps. ``precision`` is
+    that of the field of one transducer and of its transform, which is kept in single precision.
     """
     high, wide = spectrum_size(lattice, grid.counts, per_pitch)
     columns, rows = lattice.counts
@@ -140,10 +123,7 @@ def shifts_over(
 def lattice_of(array: TransducerArray) -> Lattice:
     """The square grid on which a flat array stands.
 
-    Raises
-    ------
-    ValueError
-        If the array is not flat and horizontal, looks more than one way, or does not stand on such a grid.
+    `ValueError` if the array is not flat and horizontal, looks more than one way, or does not stand on such a grid.
     """
     flat = np.abs(array.positions[:, 2] - array.positions[0, 2]) <= OFF_GRID
     alike = np.abs(array.normals - array.normals[0]).max(axis=1) <= OFF_GRID

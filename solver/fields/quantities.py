@@ -54,7 +54,7 @@ def intensity(pressure: ArrayLike, medium: Medium | None = None) -> NDArray[np.f
     Returns
     -------
     (...) float
-        In W/m².
+        Intensity in W/m².
     """
     medium = as_medium(medium)
     magnitude = _peak(pressure)
@@ -79,7 +79,7 @@ def radiation_pressure(
     Returns
     -------
     (...) float
-        In Pa, averaged over the carrier's period.
+        Radiation pressure in Pa, averaged over the carrier's period.
 
     Raises
     ------
@@ -149,11 +149,11 @@ class Quantity:
     Parameters
     ----------
     name, symbol, unit : str
-        For people.
+        Words for people.
     decade : float
         dB for each factor of ten: 20 if it grows as the pressure, 10 if it grows as its square.
     of : function
-        From peak pressure in Pa, (...) complex, and the air to (...) float.
+        Function of peak pressure in Pa, (...) complex, and the air, to (...) float.
     """
 
     name: str

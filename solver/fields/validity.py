@@ -42,8 +42,6 @@ def _steepening(medium: Medium) -> float:
 def fundamental(distortion: float) -> float:
     """The part of a fundamental that remains after so much distortion, 1 at 0; of a wave that began as a sine.
 
-    Notes
-    -----
     Blackstock's solution, which joins Fubini's, 2·J₁(σ)/σ up to σ = 1, with Fay's sawtooth, 2/(1 + σ) from about 3 on
     (D. T. Blackstock, J. Acoust. Soc. Am. 39, 1019, 1966): B₁ = (2/π)·V + (2/(πσ))·∫_{φ}^{π} cos(x − σ·sin x) dx, with
     the shock V = sin φ, φ = σ·sin φ.
@@ -72,7 +70,7 @@ class Validity:
     bound : float
         The fundamental that no drive exceeds at this focus, peak in Pa.
     shock_distance : float
-        After which a plane wave of this pressure would be a shock, in metres.
+        Distance after which a plane wave of this pressure would be a shock, in metres.
     streaming : float
         Speed that the air gets until the focus if nothing slows it, in m/s.
     """

@@ -92,10 +92,7 @@ def drive_batches(
 ) -> None:
     """Solve all frames, from scratch each, into drives (frames, n).
 
-    Raises
-    ------
-    ValueError
-        If a point cannot be reached; the message names the frame.
+    `ValueError` if a point cannot be reached; the message names the frame.
     """
     import jax
 

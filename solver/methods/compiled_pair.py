@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.tables import aligned, tables_of
-from ..compiled import kernels
+from ..compiled import layout
 from ..geometry import frozen
 from ..shapes.points import ControlPoints, check_reachable
 from . import paired_kernels
@@ -28,13 +28,7 @@ __all__ = ["CompiledPair"]
 
 
 class CompiledPair:
-    """Both halves of a frame through `paired_kernels.drive_pair`.
-
-    Parameters
-    ----------
-    array, medium, method, options
-        For which `engine.solves_at_once` is true.
-    """
+    """Both halves of a frame through `paired_kernels.drive_pair`, if `engine.solves_at_once`."""
 
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
         self._array, self._tables = array, tables_of(array, medium)
@@ -52,10 +46,7 @@ class CompiledPair:
     def solve(self, points: ControlPoints, ids: NDArray[np.int64]) -> Pair:
         """The next frame.
 
-        Raises
-        ------
-        ValueError
-            If a point cannot be reached.
+        `ValueError` if a point cannot be reached.
         """
         m = len(points)
         if m > self._kept.shape[2]:
@@ -118,8 +109,8 @@ class CompiledPair:
         """For m points, with what is kept."""
         start = cold_start(m)
         self._cold = np.stack([start.real, start.imag]).astype(np.float32)
-        self._work = aligned(kernels.work_size(m, self._tables.elements.shape[1]))
-        self._u = aligned(2, kernels.pad(m))
+        self._work = aligned(layout.work_size(m, self._tables.elements.shape[1]))
+        self._u = aligned(2, layout.pad(m))
         more = (0, m - self._kept.shape[2])
         self._kept_ids = np.pad(self._kept_ids, ((0, 0), more))
         self._kept = np.pad(self._kept, ((0, 0), (0, 0), more))

@@ -16,7 +16,7 @@ from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.propagation import PAIRS_AT_A_TIME, transfer_matrix
 from ..acoustics.tables import ArrayTables, aligned, can_reach, tables_of
-from ..compiled import block_kernels, kernels
+from ..compiled import block_kernels, layout, propagation, updates
 from ..compiled.threads import THREADS
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from .methods import METHODS, Kernels
@@ -26,7 +26,7 @@ from .reference_engine import drive_each
 
 __all__ = ["CompiledEngine", "settings_of", "solves_at_once", "way_of"]
 
-OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
+OUTPUTS = {"solved": layout.SOLVED, "phase": layout.PHASE, "limited": layout.LIMITED}
 NO_IDS = np.empty(0, np.int64)
 
 
@@ -56,11 +56,11 @@ def solves_at_once(tables: ArrayTables, method: str, options: Options) -> bool:
 
 def settings_of(tables: ArrayTables, options: Options) -> NDArray[np.float32]:
     """The numbers of an update as kernels read them."""
-    settings = np.empty(kernels.SETTINGS, np.float32)
-    settings[kernels.TURNS], settings[kernels.GAMMA], settings[kernels.MU] = tables.turns, options.gamma, options.mu
-    settings[kernels.HEADROOM], settings[kernels.NUDGE] = HEADROOM, NUDGE
-    settings[kernels.TOLERANCE], settings[kernels.FLAT], settings[kernels.KEPT] = TOLERANCE, FLAT, KEPT
-    settings[kernels.ALONE] = ALONE
+    settings = np.empty(layout.SETTINGS, np.float32)
+    settings[layout.TURNS], settings[layout.GAMMA], settings[layout.MU] = tables.turns, options.gamma, options.mu
+    settings[layout.HEADROOM], settings[layout.NUDGE] = HEADROOM, NUDGE
+    settings[layout.TOLERANCE], settings[layout.FLAT], settings[layout.KEPT] = TOLERANCE, FLAT, KEPT
+    settings[layout.ALONE] = ALONE
     return settings
 
 
@@ -81,20 +81,9 @@ def way_of(tables: ArrayTables, method: str, options: Options) -> tuple[Any, ...
 
 
 class CompiledEngine:
-    """One update at a time in float32, with its buffers and the phases of the last one.
+    """One update at a time in float32, with its buffers and the phases of the last one, by a method that has kernels.
 
-    Parameters
-    ----------
-    array : TransducerArray
-        n transducers.
-    medium : Medium
-        The air.
-    method : str
-        One of `METHODS` that has kernels.
-    options : Options
-        With an output policy.
-    threads : int, optional
-        That a big problem is shared among, `THREADS` by default. They do not change a bit of the result.
+    ``threads``, `THREADS` by default, share a big problem; they do not change a bit of the result.
     """
 
     def __init__(
@@ -108,7 +97,7 @@ class CompiledEngine:
         self._transducers, self._columns = len(array), self._tables.elements.shape[1]
         self._settings = settings_of(self._tables, options)
         self._held = self._settings.copy()
-        self._held[kernels.NUDGE] = 0
+        self._held[layout.NUDGE] = 0
         self._way = way_of(self._tables, method, options)
         *_, self._power, self._output, self._steps, self._gradients = self._way
         self._most, self._plain, self._phases, self._last = 0, NO_IDS, aligned(3, 2, 0), 1
@@ -123,10 +112,7 @@ class CompiledEngine:
     ) -> NDArray[np.complex128]:
         """Drives (n,) for control points; see `Engine.drive`.
 
-        Raises
-        ------
-        ValueError
-            If a point cannot be reached.
+        `ValueError` if a point cannot be reached.
         """
         m = len(points.positions)
         if m > self._most:
@@ -134,9 +120,7 @@ class CompiledEngine:
         drive = np.empty(self._transducers, np.complex128)
         if not self._uses.weighed:
             self._model(points)
-            kernels.sum_foci(
-                self._tables.elements, m, self._output, self._settings[kernels.HEADROOM], self._work, drive
-            )
+            updates.sum_foci(self._tables.elements, m, self._output, self._settings[layout.HEADROOM], self._work, drive)
             return drive
         before = self._ids
         if ids is None:
@@ -151,7 +135,7 @@ class CompiledEngine:
         solve(settings, phase_steps, points, ids, before, drive)
         if self._uses.polished:
             polished = drive.astype(np.complex64)
-            kernels.polish(
+            updates.polish(
                 m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, self._work, polished
             )
             drive[:] = polished
@@ -179,7 +163,7 @@ class CompiledEngine:
             self._work,
             drive,
         )
-        update: Callable[..., int] = kernels.update
+        update: Callable[..., int] = updates.update
         if update(*arguments, 0) >= 0:
             check_reachable(self._array, points)
             update(*arguments, 1)
@@ -197,23 +181,23 @@ class CompiledEngine:
         """What `_solve_at_once` does, for any transducer, for big problems and with a clock."""
         m, columns, work, power = len(points), self._columns, self._work, self._power
         self._model(points)
-        cold, last, u = (self._phases[place] for place in (kernels.COLD, self._last, 3 - self._last))
-        kernels.carry(m, ids, before, last, cold, settings[kernels.NUDGE], u)
+        cold, last, u = (self._phases[place] for place in (layout.COLD, self._last, 3 - self._last))
+        updates.carry(m, ids, before, last, cold, settings[layout.NUDGE], u)
         self._ids, self._last = ids, 3 - self._last
         seconds = self._options.phase_seconds
         first_steps = phase_steps if seconds is None else 0
         if self._is_big(m):
-            gamma = settings[kernels.GAMMA]
+            gamma = settings[layout.GAMMA]
             block_kernels.begin(m, columns, gamma, first_steps, power, u, work, threads=self._threads)
         else:
-            kernels.begin(m, columns, settings[kernels.GAMMA], first_steps, power, u, work)
+            updates.begin(m, columns, settings[layout.GAMMA], first_steps, power, u, work)
         if seconds is not None:
             end = perf_counter() + seconds
             for _ in range(phase_steps):
                 if perf_counter() >= end:
                     break
-                kernels.more_phases(m, columns, 1, power, u, work)
-        kernels.finish(
+                updates.more_phases(m, columns, 1, power, u, work)
+        updates.finish(
             elements=self._tables.elements,
             m=m,
             u=u,
@@ -227,16 +211,13 @@ class CompiledEngine:
 
     def level(self, points: ControlPoints, drive: NDArray[np.complex64]) -> float:
         """What `Engine.level` is, from the transfer matrix that `drive` has left in the work space."""
-        relative = kernels.level(len(points), self._columns, self._uses.weighed, self._work, drive)
+        relative = updates.level(len(points), self._columns, self._uses.weighed, self._work, drive)
         return relative * self._tables.strength / float(points.amplitudes.max())
 
     def drive_frames(self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[Any]) -> None:
         """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n).
 
-        Raises
-        ------
-        ValueError
-            As `drive`.
+        `ValueError` as `drive`.
         """
         largest = max(len(points) for points in frames)
         if self._uses.polished or not self._timeless or self._is_big(largest):
@@ -246,7 +227,7 @@ class CompiledEngine:
         if largest > self._most:
             self._make_room(largest)
         self.forget()
-        update_frames: Callable[..., int] = kernels.update_frames
+        update_frames: Callable[..., int] = updates.update_frames
         suspect = update_frames(
             *self._way,
             self._settings,
@@ -267,17 +248,17 @@ class CompiledEngine:
 
     def _make_room(self, m: int) -> None:
         """For m points, with the phases of the last ones."""
-        self._most, width = m, kernels.pad(m)
+        self._most, width = m, layout.pad(m)
         start, kept = cold_start(width), self._phases
         self._phases = aligned(3, 2, width)
         self._phases[:, :, : kept.shape[2]] = kept
-        self._phases[kernels.COLD] = start.real, start.imag
-        self._work = aligned(kernels.work_size(m, self._columns))
+        self._phases[layout.COLD] = start.real, start.imag
+        self._work = aligned(layout.work_size(m, self._columns))
 
     def _model(self, points: ControlPoints) -> None:
         tables = self._tables
         if self._modelled:
-            kernel: Callable[..., int] = kernels.model if len(tables.wave) == 1 else kernels.model_by_table
+            kernel: Callable[..., int] = propagation.model if len(tables.wave) == 1 else propagation.model_by_table
             suspect = kernel(
                 tables.elements,
                 *tables.wave,
@@ -297,12 +278,12 @@ class CompiledEngine:
             self._enter(points)
 
     def _enter(self, points: ControlPoints) -> None:
-        """Do what `kernels.model` does, with the transfer matrix from `transfer_matrix`."""
+        """Do what `propagation.model` does, with the transfer matrix from `transfer_matrix`."""
         m, n = len(points), self._transducers
-        parts = kernels.carve(self._work, m, self._columns)
-        re, im, reach = parts.re, parts.im, parts.spans[kernels.REACH]
+        parts = layout.carve(self._work, m, self._columns)
+        re, im, reach = parts.re, parts.im, parts.spans[layout.REACH]
         wanted = points.amplitudes / points.amplitudes.max()
-        parts.vectors[kernels.WANTED][:m] = wanted
+        parts.vectors[layout.WANTED][:m] = wanted
         re[:m, n:] = im[:m, n:] = reach[:] = 0
         at_a_time = max(1, PAIRS_AT_A_TIME // n)
         for first in range(0, m, at_a_time):

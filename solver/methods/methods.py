@@ -32,7 +32,7 @@ class Problem(NamedTuple):
     limits : (n,) float
         Largest magnitude of each drive.
     options : Options
-        With an output policy.
+        Options with an output policy.
     phases : callable
         Takes A·W·Aᴴ (m, m) and ``"unit"`` or ``"power"``, and returns the phases (m,) of unit modulus that
         `reference.phase_iteration` finds. Its iteration begins with the last phases of the same points.
@@ -229,10 +229,7 @@ METHODS = Methods()
 def options_of(method: str, values: Mapping[str, Any] | None = None) -> Options:
     """Options of a method, with its own output policy if none is named.
 
-    Raises
-    ------
-    ValueError
-        If the method is unknown or cannot be loaded, does not heed an option, or a value is out of range.
+    `ValueError` if the method is unknown or cannot be loaded, does not heed an option, or a value is out of range.
     """
     if not isinstance(method, str) or method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known are {', '.join(METHODS)}")

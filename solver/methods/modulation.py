@@ -115,15 +115,15 @@ class Modulation:
         Parameters
         ----------
         drive : (n,) complex
-            At its full strength.
+            Drive at its full strength.
         frequency : float
-            Of the modulation, in hertz.
+            Frequency of the modulation, in hertz.
         depth : float
             0 for none, 1 down to silence.
         samples : int
             Steps of one period, at least 2; each has the cosine's value at its middle.
         carrier : float
-            In hertz.
+            Frequency of the carrier, in hertz.
 
         Notes
         -----
@@ -212,7 +212,7 @@ def intensity_component(
     medium : Medium, optional
         The air; by default of 20 °C, with the modulation's carrier.
     precision : {"double", "single"}
-        Of the pressure, as in `pressure`.
+        Precision of the pressure, as in `pressure`.
 
     Returns
     -------

@@ -21,9 +21,9 @@ class Pair(NamedTuple):
     Parameters
     ----------
     split : Split
-        Of the points.
+        Split of the points.
     drives : (2, n) complex
-        Of each half, at full strength; 0 without a second half.
+        Drives of each half, at full strength; 0 without a second half.
     levels : (2,) float
         Factor of each half, at most 1, with which both are equally loud relative to the wanted amplitudes.
     """
@@ -44,15 +44,7 @@ class PairEngine(Protocol):
 
 
 class EnginePair:
-    """An engine for each half, step by step: any method will do.
-
-    Parameters
-    ----------
-    first, second : Engine
-        Of the halves, for the same array.
-    transducers : int
-        Of that array.
-    """
+    """An engine for each half, for the same array of so many transducers, step by step: any method will do."""
 
     def __init__(self, first: Engine, second: Engine, transducers: int) -> None:
         self._engines, self._transducers = (first, second), transducers

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled.kernels import _kernel, _level, _part, _update, first_suspect
+from ..compiled.layout import _kernel, _part
+from ..compiled.propagation import first_suspect
+from ..compiled.updates import _level, _update
 from .split import ACROSS, HOLD, KEEP, OBLIQUE, TILT
 
 TURNED = -2
@@ -94,15 +96,12 @@ def drive_pair(
 ) -> int:  # fmt: skip
     """Split points in two halves, and find the drives of each, and the level by which it is to be turned down.
 
-    ``mask`` is this split, known or to be found from the axis of the last one and which points were ``before`` in
-    its first half. Of each half, ``counts``, ``kept_ids`` and ``kept`` are the points of the last frame and their
-    phases. ``work`` and ``u`` are room.
+    ``mask`` is this split, known or to be found from the axis of the last one and which points were ``before`` in its
+    first half. Of each half, ``counts``, ``kept_ids`` and ``kept`` are the points of the last frame and their phases.
+    ``work`` and ``u`` are room.
 
-    Returns
-    -------
-    int
-        `TURNED` if the axis must turn, or else the first suspect point if points are not ``sure``: then nothing was
-        done. Otherwise -1.
+    Returns `TURNED` if the axis must turn, or else the first suspect point if points are not ``sure``: then nothing was
+    done. Otherwise -1.
     """
     m = len(positions)
     if not split_is_known and not holds(positions, amplitudes, ids, axis, before, before_ids, mask):

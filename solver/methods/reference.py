@@ -47,25 +47,18 @@ def cold_start(m: int) -> Complex:
 
 
 def phase_iteration(gram: Complex, wanted: Real, start: Complex, steps: int, method: Phases = "unit") -> Complex:
-    """Phases with which the control points strengthen each other, the paper's section 3.2.
+    """Phases (m,) with which the control points strengthen each other, by the paper's section 3.2: the last iterate's.
 
     Parameters
     ----------
     gram : (m, m) complex
         A·W·Aᴴ; with W = 1 the paper's own.
-    wanted : (m,) float
-        Amplitudes.
-    start : (m,) complex
-        The values at which the iteration begins.
+    wanted, start : (m,)
+        Amplitudes, and the values at which the iteration begins.
     steps : int
-        Iterations.
+        Number of iterations.
     method : {"unit", "power"}
         ``"power"`` is the paper's power method; ``"unit"`` sets every point back to modulus 1 after each step.
-
-    Returns
-    -------
-    (m,) complex
-        The last iterate; its phases are those wanted.
 
     Notes
     -----
@@ -81,18 +74,11 @@ def phase_iteration(gram: Complex, wanted: Real, start: Complex, steps: int, met
 
 
 def limit_drive(drive: Complex, limits: Real, output: Output) -> Complex:
-    """Bring drives within their limits.
+    """Bring drives (n,) of any scale within their limits.
 
-    Parameters
-    ----------
-    drive : (n,) complex
-        Of any scale.
-    limits : (n,) float
-        Largest magnitude of each.
-    output : {"solved", "phase", "limited"}
-        ``"solved"`` scales all alike until one is at its limit. ``"phase"`` sets each to its limit and keeps its phase.
-        ``"limited"`` scales all alike until their root mean square is `HEADROOM` times that of the limits, and cuts off
-        what is above: nearly the accuracy of the first and the strength of the second.
+    ``"solved"`` scales all alike until one is at its limit. ``"phase"`` sets each to its limit and keeps its phase.
+    ``"limited"`` scales all alike until their root mean square is `HEADROOM` times that of the limits, and cuts off
+    what is above: nearly the accuracy of the first and the strength of the second.
     """
     magnitude = np.abs(drive)
     if output == "phase":
@@ -176,22 +162,12 @@ def misfit(pressure: Complex, wanted: Real) -> tuple[float, float]:
 
 
 def correct(transfer: Complex, wanted: Real, drive: Complex, steps: int) -> Complex:
-    """Gauss–Newton steps over the phases of drives; the best iterate of those that keep the strength is kept.
+    """Gauss–Newton steps over the phases of drives (n,); the best iterate of those that keep the strength is kept.
 
-    Parameters
-    ----------
-    transfer, wanted
-        As in this module.
-    drive : (n,) complex
-        The drives at which it begins, within their limits; magnitudes stay.
-    steps : int
-        Most steps; it ends if the `misfit` of one that keeps `KEPT` of the strength falls below `TOLERANCE`.
-
-    Notes
-    -----
-    If the drives turn by δ, |p_i| changes by −Σ_q Im(p_i*·A_iq·x_q/|p_i|)·δ_q. Of the many δ with which |p| becomes
-    proportional to ``wanted``, `conjugate_gradients` finds a small one, which keeps the pressures strong. At a null p
-    must not change at right angles either.
+    There are at most ``steps``; it ends if the `misfit` of one that keeps `KEPT` of the strength falls below
+    `TOLERANCE`. If the drives turn by δ, |p_i| changes by −Σ_q Im(p_i*·A_iq·x_q/|p_i|)·δ_q. Of the many δ with which
+    |p| becomes proportional to ``wanted``, `conjugate_gradients` finds a small one, which keeps the pressures strong.
+    At a null p must not change at right angles either.
     """
     nulls = wanted == 0
     proportions = np.concatenate([wanted, np.zeros(nulls.sum())])
@@ -241,23 +217,10 @@ def conjugate_gradients(matrix: Real, target: Real, proportions: Real) -> Real:
 
 
 def polish(transfer: Complex, wanted: Real, drive: Complex, levels: int, sweeps: int) -> Complex:
-    """Coordinate descent over quantised phases: each drive in turn tries the next phase either way.
+    """Coordinate descent over quantised phases, from drives (n,): each drive in turn tries the next phase either way.
 
-    Parameters
-    ----------
-    transfer, wanted
-        As in this module.
-    drive : (n,) complex
-        The drives at which it begins; magnitudes stay.
-    levels : int
-        Phases in a turn.
-    sweeps : int
-        Passes over all transducers.
-
-    Returns
-    -------
-    (n,) complex
-        Drives whose phases are multiples of 2π/levels. No step increases the `misfit`.
+    There are ``levels`` phases in a turn, of which the resulting ones are multiples, and ``sweeps`` passes over all
+    transducers. No step increases the `misfit`.
     """
     magnitude, level = np.abs(drive), np.rint(np.angle(drive) * levels / (2 * np.pi)).astype(int)
     turn = np.exp(2j * np.pi * np.arange(levels) / levels)

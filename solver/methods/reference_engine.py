@@ -75,10 +75,7 @@ class ReferenceEngine:
     def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None, *, keep: bool = False) -> Complex:
         """Drives (n,) for control points; see `Engine.drive`.
 
-        Raises
-        ------
-        ValueError
-            If a point cannot be reached, or the system is singular.
+        `ValueError` if a point cannot be reached, or the system is singular.
         """
         check_reachable(self._array, points)
         transfer = transfer_matrix(self._array, points.positions, self._medium) * (self._limits > 0)

@@ -87,7 +87,7 @@ class Solver:
         and a ``mu`` below 1e-4, are always solved in double precision. The first solve on a machine compiles the
         kernels, which takes some ten seconds, once.
     **options
-        Of the method, see `Options`.
+        Options of the method, see `Options`.
 
     Raises
     ------
@@ -128,7 +128,7 @@ class Solver:
         Parameters
         ----------
         points : ControlPoints, Shape or (m, 3) float
-            In metres; without amplitudes, all are 1. A shape is sampled as it prefers.
+            Control points in metres; without amplitudes, all are 1. A shape is sampled as it prefers.
         ids : (m,) int64, optional
             Identities of the points, each once: a point begins with the phase of the same one in the last frame.
             Without them, the points are taken for those of the last frame if there are as many, and for new ones
@@ -157,7 +157,7 @@ class Solver:
         Parameters
         ----------
         positions : (k, m, 3) float
-            In metres, in each of k frames.
+            Places in metres, in each of k frames.
         amplitudes : (m,) float
             Relative to each other.
         ids : (m,) int64, optional

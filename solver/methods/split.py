@@ -91,7 +91,7 @@ def split(points: ControlPoints, previous: Split | None = None, ids: NDArray[np.
     Returns
     -------
     Split
-        With the first half on the side of -x, or else -y or -z, unless ``previous`` says otherwise.
+        The first half is on the side of -x, or else -y or -z, unless ``previous`` says otherwise.
 
     Notes
     -----

@@ -73,7 +73,7 @@ class TwoSided(Drawable):
         The split of the points, the drives of both halves at full strength, and the levels that they are turned down
         by.
     frequency : float
-        Of the modulation, in hertz.
+        Frequency of the modulation, in hertz.
     array, points, medium, method, options
         What it was solved for, and how.
     """
@@ -166,7 +166,7 @@ class TwoSidedSolver:
     array, method, medium, precision, **options
         As for `Solver`.
     frequency : float
-        Of the modulation, in hertz.
+        Frequency of the modulation, in hertz.
 
     Raises
     ------

@@ -71,7 +71,7 @@ def read_mesh(
         are, or name its unit, as 3MF files do. The object is refused if it would be larger than `LARGEST` or smaller
         than `SMALLEST`, and if it is larger than `LARGE`, its `repairs` say so.
     status : function, optional
-        Is called with a line of text for each stage, for people who wait.
+        Function that gets a line of text for each stage, for people who wait.
     open : bool
         Whether its surface may have holes, as scans and many models have; otherwise it must bound a body.
 

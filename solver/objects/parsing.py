@@ -29,7 +29,7 @@ class MovingObject:
     mesh : Mesh
         The object as it is at the time 0.
     velocity : (3,) float
-        In metres per second.
+        Velocity in metres per second.
     spin : float
         Degrees per second about the vertical through the object's centre, counterclockwise from above.
 
@@ -127,21 +127,11 @@ all: {written(Placement)}
 def parse_object(text: str, status: Callable[[str], None] | None = None) -> MovingObject:
     """Read an object such as ``cube``, ``sphere:size=0.06,x=0.02,turn=90``, ``cup.stl:scale=0.001`` or ``ct:level=9``.
 
-    The centre of its bounding box is put at x, y and z, by default those of the paper's shapes.
+    The centre of its bounding box is put at x, y and z, by default those of the paper's shapes. ``status`` is called
+    with a line of text for each stage, for people who wait while a file is read.
 
-    Parameters
-    ----------
-    text : str
-        A shape of the paper or the name of a file, and parameters after a colon.
-    status : function, optional
-        Is called with a line of text for each stage, for people who wait while a file is read.
-
-    Raises
-    ------
-    ValueError
-        If the object or a parameter is unknown, or a value is of the wrong kind; the message names it.
-    InputFileError, OSError
-        If a file cannot be read.
+    `ValueError` if the object or a parameter is unknown, or a value is of the wrong kind; the message names it.
+    `InputFileError` or `OSError` if a file cannot be read.
     """
     name = object_name(text)
     parameters = text[len(name) + 1 :]

@@ -60,7 +60,7 @@ class Volume:
     Parameters
     ----------
     values : (i, j, k) float
-        In units of their own; each at least 2 values long.
+        Values in units of their own, at least 2 along each axis.
     origin : (3,) float
         Place of the first value, in metres.
     axes : (3, 3) float
@@ -100,10 +100,7 @@ class Volume:
 
         The space outside the grid counts as the smallest of its values, so that the surface is closed there too.
 
-        Raises
-        ------
-        ValueError
-            If the level is not within the values, or the surface has more than `MOST_FACES` faces.
+        `ValueError` if the level is not within the values, or the surface has more than `MOST_FACES` faces.
         """
         from skimage import measure
 
@@ -143,13 +140,13 @@ def read_volume_mesh(
         file; an NRRD file with its data in it; or DICOM: a folder with slices, a file DICOMDIR, or a .dcm file of an
         enhanced object with several frames.
     level : float
-        In the volume's units, which are Hounsfield's in a CT.
+        Level in the volume's units, which are Hounsfield's in a CT.
     spacing : float, optional
-        Between neighbouring values, in metres, for a file that does not say it.
+        Distance of neighbouring values, in metres, for a file that does not say it.
     step : int
         The surface is made from the means of as many values each way. Larger steps give fewer faces and less noise.
     status : function, optional
-        Is called with a line of text for each stage, for people who wait.
+        Function that gets a line of text for each stage, for people who wait.
     series : str or int, optional
         Which of several: a DICOM series by its number, description or UID, or a volume of a NIfTI file from 0.
 

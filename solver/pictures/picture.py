@@ -28,7 +28,7 @@ def compare_fields(
     Parameters
     ----------
     fields : mapping of str to PlaneField
-        At least one, by the name of each, such as that of a method.
+        One field or more, by the name of each, such as that of a method.
     points : ControlPoints, Shape or (m, 3) float, optional
         Those in the planes are marked.
     quantity : str
@@ -37,7 +37,7 @@ def compare_fields(
     Returns
     -------
     (n,) matplotlib axes
-        In the order of the fields.
+        The axes, in the order of the fields.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def save_field_picture(
     quantity : str
         A key of `QUANTITIES`, or ``oil``, the surface that the field pushes down.
     array : TransducerArray, optional
-        That made the field; a line then says how far the linear model holds at its strongest place.
+        Array that made the field; a line then says how far the linear model holds at its strongest place.
     """
     from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
 

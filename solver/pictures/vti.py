@@ -28,7 +28,7 @@ def save_vti(path: FilePath, field: PlaneField | VolumeField) -> None:
     Parameters
     ----------
     path : str or Path
-        Of the file; VTK's readers expect a name that ends in ``.vti``.
+        File to write; VTK's readers expect a name that ends in ``.vti``.
     field : PlaneField or VolumeField
         What to write.
 

@@ -27,13 +27,13 @@ class Cycle:
     Parameters
     ----------
     drives : (k, n) complex64
-        In their order, in array order; 1 is full drive.
+        Drives in their order, each in array order; 1 is full drive.
     hold : int
         Carrier periods for which each is emitted.
     envelope : float
         Frequency in hertz of an amplitude modulation on top, by a cosine down to silence; 0 for none.
     carrier : float
-        In hertz.
+        Frequency of the carrier, in hertz.
     """
 
     drives: NDArray[np.complex64]

@@ -121,7 +121,7 @@ class Outline:
         count : int
             Positions; each is where the focus is in the middle of its step.
         speed : float
-            In m/s.
+            Speed in m/s.
         pause : float
             Seconds for which it rests at each corner and at each end of an open stroke.
         back : bool

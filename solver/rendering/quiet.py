@@ -69,9 +69,9 @@ class Rates:
     Parameters
     ----------
     amplitude : float
-        As a part of full drive, above 0.
+        Change of amplitude as a part of full drive, above 0.
     phase : float
-        In radians, above 0. The defaults take a full drive and half a turn as AUTD3's silencer takes them by default.
+        Change of phase in radians, above 0. The defaults take a full drive and half a turn as AUTD3's silencer does.
     """
 
     amplitude: float = 1 / 10

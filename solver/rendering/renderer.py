@@ -37,7 +37,7 @@ class Renderer:
     most_frames : int
         Drives of a cycle, at most.
     **options
-        Of the method, see `Options`; the output is ``phase`` by default if the way drives all transducers fully.
+        Options of the method, see `Options`; by default the output is ``phase`` if the way uses full drive.
 
     Raises
     ------

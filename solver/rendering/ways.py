@@ -78,9 +78,9 @@ class Solvers(NamedTuple):
     Parameters
     ----------
     one : Solver
-        For all points at once, frame after frame.
+        Solver for all points at once, frame after frame.
     two : TwoSidedSolver
-        For their halves.
+        Solver for their halves.
     most_frames : int
         Drives of a cycle, at most.
     """
@@ -136,9 +136,9 @@ class Amplitude(_Modulated):
     Parameters
     ----------
     frequency : float
-        Of the intensity, in hertz; skin feels 200 to 250 Hz best.
+        Frequency of the intensity, in hertz; skin feels 200 to 250 Hz best.
     envelope : {"sine", "square"}
-        Of the intensity.
+        Envelope of the intensity.
     """
 
     name: ClassVar[str] = "am"
@@ -158,9 +158,9 @@ class Halves(_Modulated):
     Parameters
     ----------
     frequency : float
-        At which the halves take turns, in hertz.
+        Frequency at which the halves take turns, in hertz.
     envelope : {"sine", "square"}
-        Of the intensity; ``sine`` moves the phase of each transducer from that of one half to that of the other.
+        Envelope of the intensity; ``sine`` moves each transducer's phase from that of one half to that of the other.
     """
 
     name: ClassVar[str] = "two-sided"
@@ -191,7 +191,7 @@ class Lateral:
     Parameters
     ----------
     frequency : float
-        In hertz. A line is passed twice a period, so that 100 Hz push it 200 times a second.
+        Frequency in hertz. A line is passed twice a period, so that 100 Hz push it 200 times a second.
     reach : float
         How far a focus moves to either side, in metres; by default half of its width, so that it leaves its line.
     """
@@ -233,10 +233,10 @@ class Spatiotemporal:
     Parameters
     ----------
     speed : float
-        In m/s. Lines are felt best at 5 to 8 m/s, near the speed of waves on skin, so that these add up (Frier et al.,
-        Using spatiotemporal modulation to draw tactile patterns in mid-air, EuroHaptics 2018).
+        Speed in m/s. Lines are felt best at 5 to 8 m/s, near the speed of waves on skin, so that these add up (Frier
+        et al., Using spatiotemporal modulation to draw tactile patterns in mid-air, EuroHaptics 2018).
     foci : int
-        That draw at a time, evenly spread: the fewer there are, the stronger is each.
+        Number of foci that draw at a time, evenly spread: the fewer there are, the stronger is each.
     pause : float
         Seconds for which a focus rests at corners, so that they can be felt (Hajas et al., Mid-air haptic rendering of
         2D geometric shapes with a dynamic tactile pointer, IEEE Trans. Haptics 13, 806, 2020: 0.3 s, of a slow one).

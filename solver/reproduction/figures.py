@@ -51,17 +51,7 @@ HEIGHT = 0.20  # metres, of the shapes
 
 @dataclass(frozen=True)
 class Technique:
-    """A way to find drives, as the paper letters them.
-
-    Parameters
-    ----------
-    name : str
-        For people.
-    method : str
-        A key of `METHODS`.
-    options : mapping of str
-        Of the method.
-    """
+    """A way to find drives, as the paper letters them: a key of `METHODS` with options."""
 
     name: str
     method: str
@@ -95,7 +85,7 @@ class Rendering:
     points : ControlPoints
         What was wanted.
     field : PlaneField
-        Over the plane of the points.
+        Field over the plane of the points.
     report : FocusReport
         What became of the points.
     """
@@ -200,21 +190,12 @@ RING = 0.03  # metres: radius of the ring that is looked at beside the single fo
 
 @dataclass(frozen=True)
 class AtHeight:
-    """How well the array works at a height.
+    """How well the array works at a height in metres.
 
-    Parameters
-    ----------
-    height : float
-        In metres.
-    focus : float
-        |p| of a single focus above the middle, in Pa (peak).
-    width, depth : float or None
-        Within which it is at least half of that, across and along the axis, in metres; None if that is farther than
-        four neighbourhoods of `focus_report`.
-    ring : float
-        Mean |p| of a ring of points of 6 cm, in Pa (peak).
-    contrast : float
-        Strongest lobe beside the ring's points relative to their mean, in dB.
+    ``focus`` is |p| of a single focus above the middle, and ``ring`` the mean |p| of a ring of points of 6 cm, in Pa
+    (peak). Within ``width`` and ``depth`` it is at least half of that, across and along the axis, in metres; None if
+    that is farther than four neighbourhoods of `focus_report`. ``contrast`` is the strongest lobe beside the ring's
+    points relative to their mean, in dB.
     """
 
     height: float
@@ -251,18 +232,10 @@ def reproduce_range(
 
 @dataclass(frozen=True, eq=False)
 class Figure4:
-    """Two-sided modulation of a square of 10 cm.
+    """Two-sided modulation of the points of a square of 10 cm.
 
-    Parameters
-    ----------
-    points : ControlPoints
-        On the square.
-    result : TwoSided
-        The modulation, and its gain.
-    halves : tuple of PlaneField
-        The two fields, Figure 4 a and b.
-    two_sided, one_sided : PlaneField
-        The modulation's component of the intensity |p|², Figure 4 c and d, as its root in Pa, which is a pressure.
+    ``halves`` are the two fields, Figure 4 a and b. ``two_sided`` and ``one_sided`` are the modulation's component of
+    the intensity |p|², Figure 4 c and d, as its root in Pa, which is a pressure.
     """
 
     points: ControlPoints

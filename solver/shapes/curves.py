@@ -31,13 +31,13 @@ class Curve:
     Parameters
     ----------
     length : float
-        In metres, positive.
+        Length in metres, positive.
     closed : bool
         Whether its end is its beginning.
     at : function
-        From (k,) arc lengths to (k, 3) positions, both in metres.
+        Function from (k,) arc lengths to (k, 3) positions, both in metres.
     sides : int
-        Into how many congruent sides it falls; points are spread alike over all of them.
+        Number of congruent sides into which it falls; points are spread alike over all of them.
     corners : tuple of float
         Arc lengths of its vertices, in metres, if it has some.
     """
@@ -77,21 +77,11 @@ def ring(x: float, y: float, height: float, radius: float, start: float = 0.0) -
 
 
 def chain(vertices: ArrayLike, *, closed: bool = False, sides: int = 1) -> Curve:
-    """Straight pieces from vertex to vertex.
+    """Straight pieces from vertex to vertex, (v, 3) in metres; repeated ones add nothing.
 
-    Parameters
-    ----------
-    vertices : (v, 3) float
-        In metres, v of at least 1; repeated ones add nothing.
-    closed : bool
-        Whether a last piece leads from the last vertex back to the first.
-    sides : int
-        As of `Curve`; v if all pieces are equally long and the corners must be among the points.
-
-    Raises
-    ------
-    ValueError
-        If the vertices are no coordinates, or the chain has no length.
+    If it is closed, a last piece leads back to the first vertex. ``sides`` are those of `Curve`; v if all pieces are
+    equally long and the corners must be among the points. `ValueError` if the vertices are no coordinates, or it has no
+    length.
     """
     corners = as_points(vertices, "polyline corner")
     if closed:
@@ -115,33 +105,15 @@ def even_spacing(curves: Sequence[Curve], count: int) -> float:
 
 
 def sample_curves(curves: Sequence[Curve], spacing: float = SPACING) -> ControlPoints:
-    """Cut curves into control points by arc length.
+    """Cut curves into control points, curve by curve, equally spaced along each; ``spacing`` is in metres.
 
-    Parameters
-    ----------
-    curves : sequence of Curve
-        At least one.
-    spacing : float
-        Wanted arc length between neighbours, in metres.
-
-    Returns
-    -------
-    ControlPoints
-        Curve by curve, equally spaced along each.
-
-    Raises
-    ------
-    ValueError
-        If the spacing is not positive, or so small that there are too many points.
-
-    Notes
-    -----
     The spacing on a curve is the nearest to the wanted one that divides its length: the strength along a line should
     not vary, so equal spacing goes before corners. A closed curve begins with a point at its start; an open one has
-    points at both ends, or a single one in its middle if it is shorter than half the spacing. A curve with sides
-    takes the same whole number of steps on each, corners included, unless the sides are shorter than half the spacing.
+    points at both ends, or a single one in its middle if it is shorter than half the spacing. A curve with sides takes
+    the same whole number of steps on each, corners included, unless the sides are shorter than half the spacing.
 
-    If curves meet in a sample, it is one point, not two: the second would only make the system singular.
+    If curves meet in a sample, it is one point, not two: the second would only make the system singular. `ValueError`
+    if the spacing is not positive, or so small that there are too many points.
     """
     spacing = length("spacing", spacing)
     steps = [_steps(curve, spacing) for curve in curves]

@@ -91,12 +91,8 @@ def _with_point(text: str, decimals: str) -> str:
 def read_parameters(name: str, text: str, *kinds: type[Any]) -> dict[str, Any]:
     """Read ``parameter=value,…`` for dataclasses that have no parameter in common.
 
-    Raises
-    ------
-    ValueError
-        If a parameter is unknown or a value is of the wrong kind; the message names both it and ``name``.
-    InputFileError, OSError
-        If a file that a value names cannot be read.
+    `ValueError` if a parameter is unknown or a value is of the wrong kind; the message names both it and ``name``.
+    `InputFileError` or `OSError` if a file that a value names cannot be read.
     """
     known = {field.name: field.type for kind in kinds for field in dataclasses.fields(kind)}
     values: dict[str, Any] = {}

@@ -49,7 +49,7 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
     Parameters
     ----------
     positions : (m, 3) float
-        In metres, in the array's coordinates.
+        Places in metres, in the array's coordinates.
     amplitudes : float or (m,) float, optional
         Relative pressure amplitudes, of all points or of each, at least 0; a point of amplitude 0 is a null. All 1
         by default. A solver meets the ratios as nearly as the array can; it counts errors in pascals. The drive limit
@@ -126,7 +126,7 @@ class ControlPoints(Scalable["ControlPoints"], Drawable):
         Parameters
         ----------
         ax : matplotlib axes, optional
-            To draw onto; by default those of a new figure of pyplot.
+            Axes to draw onto; by default those of a new figure of pyplot.
         second : (m,) bool, optional
             Those of a second half, to be drawn in a second colour.
         **style

@@ -65,7 +65,7 @@ class Strokes:
     Parameters
     ----------
     curves : tuple of Curve
-        At least one.
+        One curve or more.
     count : int or None
         How many points they share if no spacing is asked for. None means one every `SPACING`.
     """
@@ -207,11 +207,9 @@ class Circle(Drawn):
     Parameters
     ----------
     radius : float
-        Of the circle.
-    height : float
-        Of its plane above the array.
-    x, y : float
-        Of its centre.
+        Radius of the circle.
+    height, x, y : float
+        Height of its plane above the array, and place of its centre.
     """
 
     radius: float = 0.04
@@ -235,13 +233,13 @@ class Sphere(Drawn):
     Parameters
     ----------
     radius : float
-        Of the sphere.
+        Radius of the sphere.
     height : float
-        Of its centre above the array.
+        Height of its centre above the array.
     palm : float
         Height of the palm above the array.
     x, y : float
-        Of its centre.
+        Place of its centre.
 
     Raises
     ------
@@ -282,15 +280,13 @@ class Polygon(Drawn):
     Parameters
     ----------
     sides : int
-        At least 3.
+        Number of sides, at least 3.
     radius : float
-        From the centre to a corner.
+        Distance from the centre to a corner.
     rotation : float
         Counterclockwise, in degrees; without it, one side faces -y.
-    height : float
-        Of its plane above the array.
-    x, y : float
-        Of its centre.
+    height, x, y : float
+        Height of its plane above the array, and place of its centre.
     """
 
     sides: int = 4
@@ -350,13 +346,11 @@ class Rings(Drawn):
     Parameters
     ----------
     radius : float
-        Of each ring.
+        Radius of each ring.
     distance : float
-        Between their centres, which lie on both sides along x; less than two radii.
-    height : float
-        Of their plane above the array.
-    x, y : float
-        Of the middle.
+        Distance of their centres, which lie on both sides along x; less than two radii.
+    height, x, y : float
+        Height of their plane above the array, and place of the middle.
 
     Notes
     -----
@@ -397,13 +391,11 @@ class Star(Drawn):
     Parameters
     ----------
     radius : float
-        From the centre to a tip.
+        Distance from the centre to a tip.
     rotation : float
         Counterclockwise, in degrees; without it, a tip faces +y.
-    height : float
-        Of its plane above the array.
-    x, y : float
-        Of its centre.
+    height, x, y : float
+        Height of its plane above the array, and place of its centre.
 
     Notes
     -----
@@ -437,10 +429,8 @@ class Concentric(Drawn):
     ----------
     outer, inner : float
         Radii. At the default ratio of three, 24 and 8 points are equally spaced.
-    height : float
-        Of their plane above the array.
-    x, y : float
-        Of the centre.
+    height, x, y : float
+        Height of their plane above the array, and place of the centre.
     """
 
     outer: float = 0.045
@@ -469,13 +459,11 @@ class Asterisk(Drawn):
     Parameters
     ----------
     radius : float
-        From the centre to the tips.
+        Distance from the centre to the tips.
     rotation : float
         Counterclockwise, in degrees; without it, an arm faces +y.
-    height : float
-        Of its plane above the array.
-    x, y : float
-        Of the centre.
+    height, x, y : float
+        Height of its plane above the array, and place of the centre.
 
     Notes
     -----
@@ -526,12 +514,8 @@ def shape_help() -> str:
 def read_vertices(text: str) -> Vertices:
     """Places from text, ``x:y:z/x:y:z/…`` in metres, or from the file of points that it names.
 
-    Raises
-    ------
-    ValueError
-        If it is neither.
-    InputFileError, OSError
-        If the file cannot be read, or its points have amplitudes.
+    `ValueError` if it is neither; `InputFileError` or `OSError` if the file cannot be read, or its points have
+    amplitudes.
     """
     if Path(text).suffix.lower() not in POINT_FILES:
         return tuple(tuple(spelt(number) for number in vertex.split(":")) for vertex in text.split("/"))

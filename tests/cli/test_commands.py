@@ -385,6 +385,8 @@ BAD = [
     ),
     (("solve", "cube", "-o", "x.npz"), 2, "; it is an object for `phasewire touch`"),
     (("play", "cup.STL:scale=0.001"), 2, "; it is an object for `phasewire touch`"),
+    (("solve", "sphere:radus=1"), 2, "sphere has no parameter 'radus'; it has height, palm"),
+    (("solve", "sphere:radius=0.04"), 2, "Missing option '--output' / '-o'"),
     (("solve", "sphere:palm=0.5", "-o", "x.npz"), 2, "misses the sphere, which spans 0.12 to 0.22 m"),
     (
         ("solve", "circle:height=3", "-o", "sphere.npz"),

@@ -73,12 +73,7 @@ def test_a_pressure_everywhere_meets_the_impedance_of_a_compressional_wave() -> 
     assert Skin().response(0.0, 100.0) == 0  # which cannot be compressed
 
 
-@given(
-    st.floats(1.0, 5e3),
-    st.floats(0.1, 800.0),
-    st.floats(0.0, 0.5),
-    st.floats(0.0, 30.0),
-)
+@given(st.floats(1.0, 5e3), st.floats(0.1, 800.0), st.floats(0.0, 0.5), st.floats(0.0, 30.0))
 def test_skin_takes_energy_and_gives_none(wavenumber: float, frequency: float, poisson: float, loss: float) -> None:
     """The mean power of p·du/dt is ω·Im(H)/2 per square pascal."""
     response = Skin(20e3, loss, 1100.0, poisson).response(wavenumber, frequency)

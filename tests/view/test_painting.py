@@ -16,11 +16,24 @@ from phasewire.view.painting import IMAGE_QUANTITIES, PLANES, Painted, Painter
 from phasewire.view.settings import Settings
 from phasewire.view.snapshot import Emitter, Snapshot
 
+Drive = NDArray[np.complex128]
 ARRAY = TransducerArray.grid()
 FOCUS = (0.03, -0.05, 0.18)
-DRIVE = solve(ARRAY, ControlPoints([FOCUS])).drive
-OTHER = solve(ARRAY, ControlPoints([(-0.04, 0.02, 0.15)])).drive
-BOTH = Snapshot(np.stack([DRIVE, OTHER]))
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    return solve(ARRAY, ControlPoints([FOCUS])).drive
+
+
+@pytest.fixture(scope="module")
+def other() -> Drive:
+    return solve(ARRAY, ControlPoints([(-0.04, 0.02, 0.15)])).drive
+
+
+@pytest.fixture(scope="module")
+def both(drive: Drive, other: Drive) -> Snapshot:
+    return Snapshot(np.stack([drive, other]))
 
 
 def places(image: Painted) -> NDArray[np.float64]:
@@ -37,10 +50,7 @@ def paint(snapshot: Snapshot, array: TransducerArray = ARRAY, **values: Any) -> 
 @pytest.mark.parametrize("name", PLANES)
 @pytest.mark.parametrize(
     "array",
-    [
-        pytest.param(ARRAY, id="flat"),
-        pytest.param(ARRAY.rotated(7, (1, 0, 0)), marks=pytest.mark.slow, id="tilted"),
-    ],
+    [pytest.param(ARRAY, id="flat"), pytest.param(ARRAY.rotated(7, (1, 0, 0)), marks=pytest.mark.slow, id="tilted")],
 )
 @settings(max_examples=5)
 @given(at=st.floats(0.1, 0.2), seed=st.integers(0, 2**32 - 1))
@@ -55,39 +65,41 @@ def test_every_sample_is_the_sum_over_the_transducers(name: str, array: Transduc
 
 
 @pytest.mark.parametrize("name", PLANES)
-def test_a_focus_is_where_it_was_asked_for(name: str) -> None:
+def test_a_focus_is_where_it_was_asked_for(name: str, drive: Drive) -> None:
     fixed = {"xy": 2, "xz": 1, "yz": 0}[name]
     chosen: dict[str, Any] = {plane: plane == name for plane in PLANES} | {f"{name}_at": FOCUS[fixed]}
-    [image], _ = paint(Snapshot(DRIVE[None]), **chosen)
+    [image], _ = paint(Snapshot(drive[None]), **chosen)
     brightest = places(image)[np.unravel_index(image.levels.argmax(), image.levels.shape)]
     np.testing.assert_allclose(brightest[:2], FOCUS[:2], atol=4e-3)
     assert brightest[2] == pytest.approx(FOCUS[2], abs=0.02)  # along the beam it is long
 
 
-def test_phases_go_round_once() -> None:
-    [image], scale = paint(Snapshot(DRIVE[None]), quantity="phase", xy_at=FOCUS[2])
-    direct = np.angle(pressure(ARRAY, DRIVE, places(image).reshape(-1, 3))).reshape(image.levels.shape)
+def test_phases_go_round_once(drive: Drive) -> None:
+    [image], scale = paint(Snapshot(drive[None]), quantity="phase", xy_at=FOCUS[2])
+    direct = np.angle(pressure(ARRAY, drive, places(image).reshape(-1, 3))).reshape(image.levels.shape)
     difference = (image.levels * (2 * np.pi / 256) - direct + np.pi) % (2 * np.pi) - np.pi
-    strong = np.abs(pressure(ARRAY, DRIVE, places(image).reshape(-1, 3))).reshape(image.levels.shape) > 20
+    strong = np.abs(pressure(ARRAY, drive, places(image).reshape(-1, 3))).reshape(image.levels.shape) > 20
     assert np.abs(difference[strong]).max() < 2 * np.pi / 128
     assert (scale["largest"], scale["unit"], scale["cyclic"]) == (360.0, "°", True)
 
 
-def test_what_is_felt_is_the_component_at_the_frequency_of_the_turns() -> None:
+def test_what_is_felt_is_the_component_at_the_frequency_of_the_turns(
+    drive: Drive, other: Drive, both: Snapshot
+) -> None:
     """Against the solver's own sum over the samples of the modulation, which is of |p|² and so lacks 1/(2ρc)."""
-    [image], scale = paint(BOTH, quantity="felt", xy_at=0.17)
+    [image], scale = paint(both, quantity="felt", xy_at=0.17)
     at = places(image).reshape(-1, 3)
-    modulation = Modulation.two_sided(DRIVE, OTHER, 200.0)
+    modulation = Modulation.two_sided(drive, other, 200.0)
     component = intensity_component(ARRAY, modulation, at)
     per_pascal2 = float(intensity(1.0))
     wanted = (component * per_pascal2).reshape(image.levels.shape)
     np.testing.assert_allclose(image.levels * (scale["largest"] / 255), wanted, atol=1.05 * scale["largest"] / 255)
 
 
-def test_of_many_fields_the_strongest_frequency_is_felt() -> None:
+def test_of_many_fields_the_strongest_frequency_is_felt(drive: Drive, other: Drive) -> None:
     """Against the solver's own sum, as above, for an intensity with two periods in a cycle."""
     steps = np.abs(np.cos(2 * np.pi * (np.arange(12) + 0.5) / 12))
-    drives = steps[:, None] * DRIVE + 0.2 * OTHER
+    drives = steps[:, None] * drive + 0.2 * other
     drives /= np.abs(drives).max()
     [image], scale = paint(Snapshot(drives), quantity="felt", xy_at=0.17)
     modulation = Modulation(drives, np.eye(12), 100.0)
@@ -99,28 +111,30 @@ def test_of_many_fields_the_strongest_frequency_is_felt() -> None:
     np.testing.assert_allclose(image.levels * (scale["largest"] / 255), wanted, atol=1.05 * scale["largest"] / 255)
 
 
-def test_one_field_alone_changes_nothing_that_is_felt() -> None:
-    [image], _ = paint(Snapshot(DRIVE[None]), quantity="felt")
+def test_one_field_alone_changes_nothing_that_is_felt(drive: Drive) -> None:
+    [image], _ = paint(Snapshot(drive[None]), quantity="felt")
     assert not image.levels.any()
 
 
 @pytest.mark.parametrize(("quantity", "reduce"), [("pressure", np.max), ("intensity", np.mean)])
-def test_of_two_fields_the_stronger_pressure_and_the_mean_intensity_are_shown(quantity: str, reduce: Any) -> None:
+def test_of_two_fields_the_stronger_pressure_and_the_mean_intensity_are_shown(
+    quantity: str, reduce: Any, both: Snapshot
+) -> None:
     of: Any = {"pressure": np.abs, "intensity": intensity}[quantity]
-    [image], scale = paint(BOTH, quantity=quantity, xy_at=0.17)
+    [image], scale = paint(both, quantity=quantity, xy_at=0.17)
     at = places(image).reshape(-1, 3)
-    wanted = reduce([of(pressure(ARRAY, drive, at)) for drive in BOTH.drives], axis=0).reshape(image.levels.shape)
+    wanted = reduce([of(pressure(ARRAY, drive, at)) for drive in both.drives], axis=0).reshape(image.levels.shape)
     np.testing.assert_allclose(image.levels * (scale["largest"] / 255), wanted, atol=1.05 * scale["largest"] / 255)
 
 
-def test_the_scale_is_a_round_number_above_all_that_was_shown_or_the_users() -> None:
+def test_the_scale_is_a_round_number_above_all_that_was_shown_or_the_users(drive: Drive) -> None:
     painter = Painter(Emitter(ARRAY))
-    _, loud = painter.paint(Snapshot(DRIVE[None]), Settings(xy_at=FOCUS[2]))
-    _, quiet = painter.paint(Snapshot(0.1 * DRIVE[None]), Settings(xy_at=FOCUS[2]))
+    _, loud = painter.paint(Snapshot(drive[None]), Settings(xy_at=FOCUS[2]))
+    _, quiet = painter.paint(Snapshot(0.1 * drive[None]), Settings(xy_at=FOCUS[2]))
     assert loud["largest"] == quiet["largest"]
     mantissa = float(f"{loud['largest']:e}".split("e")[0])
     assert mantissa in (1, 1.5, 2, 3, 5, 7)
-    _, own = painter.paint(Snapshot(DRIVE[None]), Settings(scale=1234.0))
+    _, own = painter.paint(Snapshot(drive[None]), Settings(scale=1234.0))
     assert own["largest"] == 1234.0
 
 
@@ -132,15 +146,15 @@ def test_every_quantity_can_be_painted_in_silence() -> None:
         assert scale["largest"] > 0
 
 
-def test_a_place_tells_pascals_decibels_and_phase_of_each_field() -> None:
-    probed = Painter(Emitter(ARRAY)).probe(BOTH, FOCUS)
-    values = [pressure(ARRAY, drive, [FOCUS])[0] for drive in BOTH.drives]
+def test_a_place_tells_pascals_decibels_and_phase_of_each_field(both: Snapshot) -> None:
+    probed = Painter(Emitter(ARRAY)).probe(both, FOCUS)
+    values = [pressure(ARRAY, drive, [FOCUS])[0] for drive in both.drives]
     np.testing.assert_allclose(probed.pascals, np.abs(values), rtol=1e-4)
     np.testing.assert_allclose(probed.decibels, sound_pressure_level(np.array(values)), atol=1e-3)
     np.testing.assert_allclose(np.exp(1j * np.deg2rad(probed.degrees)), np.exp(1j * np.angle(values)), atol=1e-3)
 
 
-def test_a_plane_through_transducers_is_refused() -> None:
+def test_a_plane_through_transducers_is_refused(both: Snapshot) -> None:
     standing = ARRAY.rotated(90, (1, 0, 0))
     with pytest.raises(ValueError, match="from transducer"):
-        paint(BOTH, standing, xy_at=0.03)
+        paint(both, standing, xy_at=0.03)

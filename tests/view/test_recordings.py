@@ -119,10 +119,7 @@ def test_it_plays_while_it_runs_and_begins_again(tmp_path: Path) -> None:
             "bad.touch",
             b'{"format":"phasewire-touch-log-1"}\n' + (LINE % b"1").replace(b"[]", b"[1" + 30 * b"0" + b"]", 1),
         ),
-        (
-            "bad.touch",
-            b'{"format":"phasewire-touch-log-1"}\n' + (LINE % b"1").replace(ZEROS, b64encode(bytes(320)), 1),
-        ),
+        ("bad.touch", b'{"format":"phasewire-touch-log-1"}\n' + (LINE % b"1").replace(ZEROS, b64encode(bytes(320)), 1)),
         ("bad.hands", b"x\n"),
         ("bad.frames", b"x"),
     ],

@@ -18,6 +18,7 @@ from phasewire import (
     Hand,
     Mesh,
     Pulses,
+    Solution,
     TransducerArray,
     Wiring,
     pressure,
@@ -33,7 +34,11 @@ from .pages import Message, Page, page_of
 
 ARRAY = TransducerArray.grid()
 POINTS = ControlPoints([(0.02, 0.01, 0.17), (-0.03, 0.0, 0.17)], [1.0, 0.5])
-SOLUTION = solve(ARRAY, POINTS)
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    return solve(ARRAY, POINTS)
 
 
 @pytest.fixture
@@ -65,11 +70,11 @@ def test_the_page_knows_the_array(page: Page) -> None:
     assert setup["device"] == "the array"
 
 
-def test_what_is_given_is_what_the_page_gets(view: View, page: Page) -> None:
+def test_what_is_given_is_what_the_page_gets(view: View, page: Page, solution: Solution) -> None:
     hand, cube = Hand.flat((0.01, 0, 0.2), "left"), Mesh.cube(0.05)
-    view.update(SOLUTION, hands=hand, objects=cube)
+    view.update(solution, hands=hand, objects=cube)
     frame = page.until(lambda message: message["sides"] == ["left"])
-    np.testing.assert_allclose(emitted(frame), SOLUTION.drive, atol=0.03)
+    np.testing.assert_allclose(emitted(frame), solution.drive, atol=0.03)
     np.testing.assert_allclose(frame.array("landmarks")[0], hand.landmarks, atol=1e-6)
     np.testing.assert_allclose(frame.array("quads")[0], hand.quads, atol=1e-6)
     np.testing.assert_allclose(frame.array("points")[:, :3], POINTS.positions, atol=1e-6)
@@ -86,15 +91,15 @@ def test_what_is_given_is_what_the_page_gets(view: View, page: Page) -> None:
     page.until(lambda message: page.kept["objects"]["count"] == 0)
 
 
-def test_settings_of_the_page_change_the_picture(view: View, page: Page) -> None:
-    view.update(SOLUTION)
+def test_settings_of_the_page_change_the_picture(view: View, page: Page, solution: Solution) -> None:
+    view.update(solution)
     page.set(xy=False, xz=True, xz_at=0.01, quantity="phase", probe=[0.02, 0.01, 0.17], pick=7)
     frame = page.until(lambda message: [plane["name"] for plane in message["planes"]] == ["xz"])
     assert frame["scale"]["unit"] == "°"
     at = [(0.02, 0.01, 0.17)]
-    assert frame["probe"]["pascals"] == pytest.approx([abs(pressure(ARRAY, SOLUTION.drive, at)[0])], rel=1e-3)
+    assert frame["probe"]["pascals"] == pytest.approx([abs(pressure(ARRAY, solution.drive, at)[0])], rel=1e-3)
     lines = dict(frame["pick"]["lines"])
-    pulses = Pulses.from_drive(SOLUTION.drive)
+    pulses = Pulses.from_drive(solution.drive)
     assert lines["Pulse"].startswith(f"{pulses.width[7]} ticks wide, centred at {pulses.phase[7]} ")
     channel = int(Wiring.strips().channels[7])
     assert [lines["Board"], lines["Processor"], lines["Bit"]] == [

@@ -102,18 +102,12 @@ def test_joined_panels_stand_in_their_order() -> None:
     ("make", "message"),
     [
         (lambda a: a.calibrated([1, 1, 1]), r"responses have the shape \(3,\), but there are 4 transducers"),
-        (
-            lambda a: a.calibrated([1, 1, np.nan, 1]),
-            "of transducer 2 must be 0 or have a gain from 1e-06 to 100",
-        ),
+        (lambda a: a.calibrated([1, 1, np.nan, 1]), "of transducer 2 must be 0 or have a gain from 1e-06 to 100"),
         (lambda a: a.calibrated([1, 1, 1, 101]), "of transducer 3 must be 0 or have a gain"),
         (lambda a: a.calibrated([1, 1e-7, 1, 1]), "response .* of transducer 1 must be 0 or have a gain"),
         (lambda a: a.calibrated([0, 0, 0, 0]), "every transducer has response 0, that is dead"),
         (lambda a: a.calibrated(["loud"] * 4), "responses \\(n,\\) must be numbers: they are text"),
-        (
-            lambda a: a.calibrated([1] * 4, [1, 1, 1, 1.1]),
-            "limit 1.1 of transducer 3 must be 0 or lie between",
-        ),
+        (lambda a: a.calibrated([1] * 4, [1, 1, 1, 1.1]), "limit 1.1 of transducer 3 must be 0 or lie between"),
         (lambda a: a.calibrated([1] * 4, [1, -0.1, 1, 1]), "limit -0.1 of transducer 1"),
         (lambda a: a.calibrated([1, 0, 0, 0], [0, 1, 1, 1]), "every working transducer has limit 0"),
         (lambda a: a.placed(np.eye(3) * 2, [0, 0, 0]), r"must be a \(3, 3\) rotation matrix"),

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from phasewire import ControlPoints, Medium, Solver, Transducer, TransducerArray, pressure, solve, solve_frames
 from phasewire.solver.acoustics.tables import aligned, tables_of
-from phasewire.solver.compiled import block_kernels, kernels
+from phasewire.solver.compiled import block_kernels, layout
 from phasewire.solver.compiled.simd import LANES
 from phasewire.solver.methods import engine
 from phasewire.solver.methods.engine import CompiledEngine
@@ -46,12 +46,12 @@ def test_the_gram_matrix_is_that_of_complex128(m: int, n: int, threads: int, see
     transfer = rng.normal(size=(m, n)) + 1j * rng.normal(size=(m, n))
     grams = []
     for shared in (1, threads):
-        work, u = aligned(kernels.work_size(m, columns)), aligned(2, -(-m // LANES) * LANES)
+        work, u = aligned(layout.work_size(m, columns)), aligned(2, -(-m // LANES) * LANES)
         work[:] = rng.normal(size=work.shape)  # of the last frame
-        parts = kernels.carve(work, m, columns)
-        parts.re[:m], parts.im[:m], parts.vectors[kernels.WANTED] = 0, 0, 1
+        parts = layout.carve(work, m, columns)
+        parts.re[:m], parts.im[:m], parts.vectors[layout.WANTED] = 0, 0, 1
         parts.re[:m, :n], parts.im[:m, :n] = transfer.real, transfer.imag
-        parts.spans[kernels.REACH][:] = 1
+        parts.spans[layout.REACH][:] = 1
         block_kernels.begin(m, columns, np.float32(0), 3, False, u, work, threads=shared)
         grams.append((parts.gram_re + 1j * parts.gram_im).copy())
     exact = transfer @ transfer.conj().T
@@ -134,7 +134,7 @@ def test_a_point_behind_the_array_is_refused() -> None:
 
 
 def test_rows_of_matrices_are_no_multiple_of_a_kilobyte() -> None:
-    lengths = [kernels.pad(rows) for rows in range(1, 4097)]
+    lengths = [layout.pad(rows) for rows in range(1, 4097)]
     assert lengths == sorted(lengths)  # the space of more points is enough for fewer
     assert all(length >= rows and length % LANES == 0 and length % 256 for rows, length in enumerate(lengths, 1))
 
@@ -181,7 +181,7 @@ def test_the_largest_problem_is_solved_in_the_memory_that_is_stated(height: floa
     drive = solve(BIG, points).drive
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    work = 4 * kernels.work_size(1024, columns)
+    work = 4 * layout.work_size(1024, columns)
     assert work <= peak <= work + 100e6
     felt = np.abs(pressure(BIG, drive, points.positions, precision="single"))
     assert misfit(felt, points.amplitudes)[1] < 0.02

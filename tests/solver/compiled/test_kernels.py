@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numba import njit
 from phasewire import ControlPoints, Medium, Solver, Transducer, TransducerArray, pressure, solve
 from phasewire.solver.acoustics import tables
-from phasewire.solver.compiled import kernels
+from phasewire.solver.compiled import propagation
 from phasewire.solver.methods.engine import CompiledEngine
 from phasewire.solver.methods.methods import METHODS, options_of
 from phasewire.solver.methods.reference import misfit
@@ -30,7 +30,7 @@ def reached(array: TransducerArray, points: ControlPoints, drive: np.ndarray, me
 @njit
 def wave(turns: np.ndarray, out: np.ndarray) -> None:
     for i in range(len(turns)):
-        out[0, i], out[1, i] = kernels._wave(turns[i])
+        out[0, i], out[1, i] = propagation._wave(turns[i])
 
 
 @given(st.lists(st.floats(-1e5, 1e5, width=32), min_size=1, max_size=50))
@@ -247,7 +247,7 @@ def test_strong_absorption_is_computed_without_the_kernel() -> None:
     """At 400 kHz air takes most of the sound on the way: 90 dB/m."""
     array = TransducerArray.grid(5, 5, 1e-3, Transducer(radius=0.45e-3))
     thick = Medium(frequency=400_000, absorbing=True)
-    assert thick.attenuation * 2 > kernels.MAX_NEPERS
+    assert thick.attenuation * 2 > propagation.MAX_NEPERS
     points = ControlPoints([[0, 0, 0.05], [0.01, 0, 0.05]])
     felt = np.abs(reached(array, points, solve(array, points, medium=thick).drive, thick))
     assert felt[1] / felt[0] == pytest.approx(1, abs=0.01)

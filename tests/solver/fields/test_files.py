@@ -15,6 +15,14 @@ from phasewire.solver.fields.field import PlaneField, VolumeField, sample_cut, s
 from phasewire.solver.fields.files import load_field, load_solution, save_field, save_solution
 from phasewire.solver.fields.grid import Grid
 
+
+def change(path: Path, changes: dict[str, Any]) -> None:
+    """Write entries of an archive anew, or leave out those that are None."""
+    with np.load(path) as archive:
+        arrays = dict(archive) | changes
+    np.savez(path, **{name: values for name, values in arrays.items() if values is not None})
+
+
 ONE_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -124,10 +132,7 @@ def test_other_npz_files_are_refused(tmp_path: Path) -> None:
         ({"medium": np.array([20j, 4e4, 50, 1e5])}, "4 numbers are expected"),
         ({"medium": np.array([20, 4e4, 500, 1e5])}, "humidity 500"),
         ({"point_positions": np.full((17, 3), np.nan)}, "control point 0"),
-        (
-            {"array_positions": np.zeros((320, 3), complex)},
-            "transducer positions .* must be numbers: they are complex",
-        ),
+        ({"array_positions": np.zeros((320, 3), complex)}, "transducer positions .* must be numbers: they are complex"),
     ],
 )
 def test_invalid_contents_are_refused(
@@ -135,9 +140,7 @@ def test_invalid_contents_are_refused(
 ) -> None:
     path = tmp_path / "s.npz"
     path.write_bytes(solved_bytes)
-    with np.load(path) as archive:
-        arrays = dict(archive) | changes
-    np.savez(path, **{name: values for name, values in arrays.items() if values is not None})
+    change(path, changes)
     with pytest.raises(InputFileError, match=message):
         load_solution(path)
 
@@ -162,15 +165,21 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, sphere_solution: Sol
 
 
 OBLIQUE = Grid((0, 0, 0.2), [[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]], (3, 2), 0.01)
-FIELDS: dict[str, PlaneField | VolumeField] = {
-    "plane": sample_cut(TransducerArray.grid(2, 2), np.ones(4), OBLIQUE, Medium(25)),
-    "box": sample_volume(TransducerArray.grid(2, 2), np.ones(4), Grid.along("xyz", (0, 0, 0.2), 0.02, 0.01)),
-}
 
 
-@pytest.mark.parametrize("kind", FIELDS)
-def test_a_field_survives_the_file(tmp_path: Path, kind: str) -> None:
-    field = FIELDS[kind]
+@pytest.fixture(scope="module")
+def plane() -> PlaneField:
+    return sample_cut(TransducerArray.grid(2, 2), np.ones(4), OBLIQUE, Medium(25))
+
+
+@pytest.fixture(scope="module")
+def box() -> VolumeField:
+    return sample_volume(TransducerArray.grid(2, 2), np.ones(4), Grid.along("xyz", (0, 0, 0.2), 0.02, 0.01))
+
+
+@pytest.mark.parametrize("kind", ["plane", "box"])
+def test_a_field_survives_the_file(tmp_path: Path, kind: str, request: pytest.FixtureRequest) -> None:
+    field: PlaneField | VolumeField = request.getfixturevalue(kind)
     save_field(tmp_path / "f.npz", field)
     again = load_field(tmp_path / "f.npz")
     assert (type(again), again.medium) == (type(field), field.medium)
@@ -178,9 +187,8 @@ def test_a_field_survives_the_file(tmp_path: Path, kind: str) -> None:
     np.testing.assert_array_equal(again.grid.positions(), field.grid.positions())
 
 
-def test_fields_can_be_read_by_numpy(tmp_path: Path) -> None:
-    field = FIELDS["plane"]
-    save_field(tmp_path / "f.npz", field)
+def test_fields_can_be_read_by_numpy(tmp_path: Path, plane: PlaneField) -> None:
+    save_field(tmp_path / "f.npz", plane)
     with np.load(tmp_path / "f.npz") as archive:
         rows, columns = archive["pressure"].shape
         across, along = archive["axes"]
@@ -204,11 +212,9 @@ def test_fields_can_be_read_by_numpy(tmp_path: Path) -> None:
         ({"medium": np.ones(3)}, "4 numbers are expected"),
     ],
 )
-def test_invalid_fields_are_refused(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_invalid_fields_are_refused(tmp_path: Path, plane: PlaneField, changes: dict[str, Any], message: str) -> None:
     path = tmp_path / "f.npz"
-    save_field(path, FIELDS["plane"])
-    with np.load(path) as archive:
-        arrays = dict(archive) | changes
-    np.savez(path, **{name: values for name, values in arrays.items() if values is not None})
+    save_field(path, plane)
+    change(path, changes)
     with pytest.raises(InputFileError, match=message):
         load_field(path)

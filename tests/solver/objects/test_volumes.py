@@ -139,10 +139,7 @@ def test_a_dicom_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"SeriesInstanceUID": {3: "1.2.4"}},
-            r"has 2 series: 1.2.3 .33 slices.; .* pass one's number, descr",
-        ),
+        ({"SeriesInstanceUID": {3: "1.2.4"}}, r"has 2 series: 1.2.3 .33 slices.; .* pass one's number, descr"),
         ({"PixelSpacing": {3: [1, 1]}}, "2 different distances of pixels"),
         ({"ImageOrientationPatient": {0: [0, 1, 0, 1, 0, 0]}}, "2 different orientations"),
         ({"ImagePositionPatient": {3: [0, 0, 0]}}, "two of its slices lie at the same place"),
@@ -150,10 +147,7 @@ def test_a_dicom_folder(tmp_path: Path) -> None:
         ({"NumberOfFrames": {3: 2}}, "has 2 frames, and does not say where"),
         ({"ImagePositionPatient": {3: None}}, "has no ImagePositionPatient"),
         ({"PixelData": {3: b"12"}}, "pixel data"),
-        (
-            {"RescaleSlope": dict.fromkeys(range(34), 0)},
-            "level 0 must lie between its values",
-        ),
+        ({"RescaleSlope": dict.fromkeys(range(34), 0)}, "level 0 must lie between its values"),
     ],
 )
 def test_an_inconsistent_series_is_refused(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
@@ -322,11 +316,7 @@ HOSTILE: dict[str, tuple[str, Any, str]] = {
     "a.nii that is cut off": ("a.nii", (348).to_bytes(4, "little"), "NIfTI"),
     "a.nii.gz of another kind": ("a.nii.gz", b"no archive", "cannot be unpacked"),
     "a.nii.gz of nothing": ("a.nii.gz", gzip.compress(b""), "no NIfTI header"),
-    "a.png": (
-        "a.png",
-        b"",
-        "volumes are read from .npy, .*, .nii.gz, .nrrd and .dcm files, DICOMDIR, and folders",
-    ),
+    "a.png": ("a.png", b"", "volumes are read from .npy, .*, .nii.gz, .nrrd and .dcm files, DICOMDIR, and folders"),
 }
 
 
