@@ -19,6 +19,7 @@ from phasewire.hil.conformance.tools.steps import (
     SILENT,
     begin,
     cut,
+    expect_all,
     far,
     forge,
     later,
@@ -129,9 +130,7 @@ def test_more_blocks_than_records_that_fit_are_all_answered(bench: Bench) -> Non
     acks = bench.send_all([NoOp()] * (bench.info.queue_records + 40))
     for ack in acks:
         expect("the reason", ack.reason, Reason.ACCEPTED)
-    after = bench.status()
-    expect("the count of accepted blocks", after.accepted, (before.accepted + len(acks)) % 2**32)
-    expect("the count of lost blocks", after.lost, before.lost)
+    expect_all(bench.status(), accepted=(before.accepted + len(acks)) % 2**32, lost=before.lost)
 
 
 # Contents
@@ -175,9 +174,7 @@ def test_what_is_no_change_has_no_commit_period(bench: Bench, body: Body) -> Non
     """The acknowledgement of a store or a NO_OP has 0 as commit_period, because it takes effect in no period."""
     begin(bench)
     for answer in answers(bench, *blocks_of(bench, [body, body])):
-        expect("reason", answer.reason, Reason.ACCEPTED)
-        expect("commit_period", answer.commit_period, 0)
-        expect("flags", answer.flags, 0)
+        expect_all(answer, reason=Reason.ACCEPTED, commit_period=0, flags=0)
 
 
 @case("ACK-002", "TIM-002/1")
@@ -362,10 +359,7 @@ def test_the_watchdog_is_told(bench: Bench) -> None:
     """When the watchdog disables the outputs a status record with the state and the flag comes unasked."""
     bench.order(Request.WATCHDOG, 20)
     bench.enable()
-    status = bench.await_unasked(1)
-    expect("the state", status.state, State.OFF)
-    expect("flags", status.flags, StatusFlag.WATCHDOG_FIRED)
-    expect("watchdog_ms", status.watchdog_ms, 20)
+    expect_all(bench.await_unasked(1), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED, watchdog_ms=20)
     expect("what else comes", bench.listen(), [])
 
 
@@ -391,9 +385,7 @@ def test_the_end_of_a_sequence_is_told(bench: Bench) -> None:
     let_stores_go(bench)
     ends = bench.must(PlaySequence(0, 2, repeats=3)).commit_period + 600
     status = bench.await_unasked(2)
-    expect("the state", status.state, State.READY)
-    expect("since_period", status.since_period, 0)
-    expect("flags", status.flags, StatusFlag(0))
+    expect_all(status, state=State.READY, since_period=0, flags=StatusFlag(0))
     period = status.period
     assert ends <= period < ends + 40, f"it was sent in period {period}, should be in {ends} or soon after"
 
@@ -405,14 +397,12 @@ def test_faults_are_told(bench: Bench) -> None:
     bench.must(Update(SILENT))
     bench.levers.cause(HotBoard(board=1, celsius=90))
     status = bench.await_unasked(1)
-    expect("the state", status.state, State.FAULT)
-    expect("faults", status.faults, Fault.TEMPERATURE)
+    expect_all(status, state=State.FAULT, faults=Fault.TEMPERATURE)
     bench.levers.cause(HotBoard(board=1, celsius=40))
     bench.outlast(0.03)
     bench.order(Request.CLEAR_FAULTS)
     status = bench.await_unasked(1)
-    expect("the state", status.state, State.OFF)
-    expect("faults", status.faults, Fault(0))
+    expect_all(status, state=State.OFF, faults=Fault(0))
 
 
 @case("ACK-006", "STA-003", "USB-020", needs=(Need.SUSPEND,), allow=(Risk.RESET,), line="usb")
@@ -421,8 +411,7 @@ def test_suspend_and_resume_are_told(bench: Bench) -> None:
     begin(bench)
     bench.levers.suspend()
     bench.levers.resume()
-    status = bench.await_unasked(1)
-    expect("the state", status.state, State.OFF)
+    expect("the state", bench.await_unasked(1).state, State.OFF)
     expect("what else comes", bench.listen(), [])
 
 
@@ -444,8 +433,7 @@ def test_only_the_newest_status_waits(bench: Bench) -> None:
     expect("the records", [type(record).__name__ for record in found], ["Ack", "Ack", "Status"])
     status = found[-1]
     assert isinstance(status, Status)
-    expect("the state", status.state, State.READY)
-    expect("flags", status.flags, StatusFlag(0))
+    expect_all(status, state=State.READY, flags=StatusFlag(0))
 
 
 @case("ACK-006", "ACK-001", line="usb")

@@ -265,8 +265,7 @@ def test_an_unknown_kind_is_refused(bench: Bench) -> None:
     begin(bench)
     unknown = [kind for kind in range(256) if not 1 <= kind <= 9]
     refuse(
-        bench,
-        [Wrong(f"kind {kind}", forge(bench, NoOp(), kind=kind), Reason.KIND) for kind in some(bench, unknown)],
+        bench, [Wrong(f"kind {kind}", forge(bench, NoOp(), kind=kind), Reason.KIND) for kind in some(bench, unknown)]
     )
 
 
@@ -475,14 +474,7 @@ ENTRY_SLOTS = (HEAVY_SLOT, EMPTY_SLOT, GOOD_SLOT, USED_SLOT)
 
 
 class Provocation:
-    """A device prepared so that one block can break several rules at once, and such blocks.
-
-    Parameters
-    ----------
-    bench : Bench
-    enabled : bool
-        Whether the outputs are enabled.
-    """
+    """A device prepared so that one block can break several rules at once, and such blocks."""
 
     def __init__(self, bench: Bench, enabled: bool) -> None:
         self._bench = bench
@@ -543,14 +535,7 @@ class Provocation:
     def check(self, base: str, reasons: Collection[Reason], state: Collection[Reason]) -> None:
         """Each reason alone, each pair, and each with all later ones: the device must give the first.
 
-        Parameters
-        ----------
-        base : str
-            The kind.
-        reasons : collection of Reason
-            What can be wrong.
-        state : collection of Reason
-            With which every block of this kind is refused now.
+        With the reasons of its state every block of this kind is refused now.
         """
         bench, possible = self._bench, sorted(reasons)
         if bench.info.periods_per_update == 1:

@@ -33,7 +33,7 @@ from phasewire.hil.conformance.tools.playing import (
     silent_from,
     told,
 )
-from phasewire.hil.conformance.tools.steps import SILENT, enable, features_of, require
+from phasewire.hil.conformance.tools.steps import SILENT, enable, expect_all, features_of, require
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -103,16 +103,13 @@ def expect_counts(bench: Bench, missed: Mapping[int, int], damaged: Mapping[int,
         ("damaged messages", [report.damaged_messages for report in reports], damaged),
     ):
         expect(f"the {what} of the processors", counts, [wanted.get(place, 0) for place in range(PROCESSORS)])
-    status = bench.status()
-    expect("the missed commits in the status", status.missed_commits, sum(missed.values()))
-    expect("the damaged messages in the status", status.damaged_messages, sum(damaged.values()))
+    expect_all(
+        bench.status(), " in the status", missed_commits=sum(missed.values()), damaged_messages=sum(damaged.values())
+    )
 
 
 def expect_faults(bench: Bench, fault: Fault, *processors: int, besides: Fault = NO_FAULTS) -> None:
-    """Fail unless the status has exactly these faults, and exactly these processors report them.
-
-    They may have the faults `besides` too.
-    """
+    """Fail unless the status has exactly these faults, and only these processors report them; `besides` may be, too."""
     expect("the faults in the status", bench.status().faults & ~besides, fault)
     wanted = [fault if place in processors else NO_FAULTS for place in range(PROCESSORS)]
     reported = [report.faults for report in bench.processors()]
@@ -288,11 +285,7 @@ def test_a_slice_without_its_end_takes_the_next_message_along(bench: Bench) -> N
     bench.judge(before.period, end, lambda seen: check_play(seen, steps))
 
 
-DAMAGES = {
-    "lost": faults.LostToken,
-    "doubled": faults.DoubledToken,
-    "flipped": faults.FlippedBit,
-}
+DAMAGES = {"lost": faults.LostToken, "doubled": faults.DoubledToken, "flipped": faults.FlippedBit}
 
 
 def store_twice(bench: Bench, memory: str, between: Callable[[], object]) -> tuple[Words, Words, Body]:
@@ -441,11 +434,14 @@ def test_a_processor_that_cannot_be_ready_in_time_plays_on(bench: Bench, what: s
         playing = mixed(words, playing, *late)
         steps.append((began, playing))
     wanted = Fault.CHAIN | (Fault.OVERRUN if what == "slow-processor" else NO_FAULTS)
-    status = bench.status()
-    expect("the faults", status.faults, wanted)
-    expect("the state", status.state, State.PLAYING)
-    expect("the missed commits in the status", status.missed_commits, sum(missed))
-    expect("the damaged messages in the status", status.damaged_messages, 0)
+    expect_all(
+        bench.status(),
+        " in the status",
+        faults=wanted,
+        state=State.PLAYING,
+        missed_commits=sum(missed),
+        damaged_messages=0,
+    )
     bench.wait_periods(lasts)
     told(bench)
     bench.order(Request.CLEAR_FAULTS)
@@ -486,10 +482,7 @@ def test_an_overrun_is_told_and_silences_nothing(bench: Bench) -> None:
 
 
 def expect_lost_in_time(said: Status, at: int) -> None:
-    """Fail unless a processor that answers no question from a period on is lost in time.
-
-    Two questions may go unanswered, 10 ms each; the processor is lost when the third is due.
-    """
+    """Fail unless a processor is lost in time that answers no question from a period on, when the third is due."""
     latest = at * TICKS_PER_PERIOD + 31 * TICKS_PER_MS
     assert said.now <= latest, f"the processor is lost at tick {said.now}, should be by {latest}"
 
@@ -523,9 +516,7 @@ def test_a_broken_chain_is_told_and_ends_in_silence(bench: Bench, how: str) -> N
     expect_refused_everywhere(bench)
     bench.wait(DEAF_MS / 1000)
     bench.order(Request.CLEAR_FAULTS)
-    status = bench.status()
-    expect("the faults after CLEAR_FAULTS", status.faults, Fault.CHAIN | Fault.PROCESSOR)
-    expect("the state after CLEAR_FAULTS", status.state, State.FAULT)
+    expect_all(bench.status(), " after CLEAR_FAULTS", faults=Fault.CHAIN | Fault.PROCESSOR, state=State.FAULT)
     deaf = said.now // TICKS_PER_PERIOD + (DEAF_MS + 1) * PERIODS_PER_MS
     end = bench.period()
     bench.judge(field.period, begins, lambda seen: check_play(seen, [(field.period, field.words)]))
@@ -553,11 +544,13 @@ def expect_refused_everywhere(bench: Bench) -> None:
     for harmless in (Clock(), NoOp()):
         expect(f"the reason for {harmless.KIND.name}", bench.send(harmless).reason, Reason.ACCEPTED)
     assert not bench.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
-    after = bench.status()
-    expect("the count of refused blocks", after.refused, before.refused + len(bodies))
-    expect("the last refusal", after.last_refusal, reason)
-    expect("the free places", after.free, bench.info.queue_blocks)
-    expect("what plays since", after.since_period, 0)
+    expect_all(
+        bench.status(),
+        refused=before.refused + len(bodies),
+        last_refusal=reason,
+        free=bench.info.queue_blocks,
+        since_period=0,
+    )
 
 
 def plays_everywhere(bench: Bench) -> None:
@@ -566,9 +559,7 @@ def plays_everywhere(bench: Bench) -> None:
     enable(bench)
     field = play(bench)
     bench.wait(ROUND_SECONDS)
-    after = bench.status()
-    expect("the faults", after.faults, NO_FAULTS)
-    expect("the missed commits", after.missed_commits, before.missed_commits)
+    expect_all(bench.status(), faults=NO_FAULTS, missed_commits=before.missed_commits)
     end = bench.period()
     bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
 
@@ -600,9 +591,7 @@ def test_a_processor_that_cannot_be_silenced_is_left_alone_until_it_is(bench: Be
     bench.levers.cause(faults.LostToken(message="slice", processor=place, times=2))
     before, after = disable(bench)
     bench.wait(0.15)
-    status = bench.status()
-    expect("the faults", status.faults, Fault.CHAIN)
-    expect("the state", status.state, State.OFF)
+    expect_all(bench.status(), faults=Fault.CHAIN, state=State.OFF)
     expect_counts(bench, {place: 2}, {place: 2})
     latest = [after + SILENT_PERIODS] * PROCESSORS
     latest[place] += ASKED_TICKS // TICKS_PER_PERIOD + (DEAF_MS + 1) * PERIODS_PER_MS
@@ -827,8 +816,7 @@ def test_a_listener_begins_with_the_first_pulse(bench: Bench, pulses_after: floa
         most = bench.line.time.monotonic() - began - (LISTENED_SECONDS if pulses_after is None else pulses_after)
         assert runs <= most + CLOCK_SECONDS, f"period 0 began {runs:.3f} s ago, should be {most:.3f} s ago at most"
         status, faults = bench.status(), Fault.SYNC if pulses_after is None else NO_FAULTS
-        expect("the faults", status.faults, faults)
-        expect("the state", status.state, State.FAULT if faults else State.OFF)
+        expect_all(status, faults=faults, state=State.FAULT if faults else State.OFF)
     finally:
         bench.levers.drive_sync()
         bench.restart(lambda: bench.order(Request.RESET))
@@ -984,9 +972,7 @@ def test_a_chain_that_is_not_numbered_comes_up_with_the_next_reset(bench: Bench,
     place, well = processor_of(bench), bench.processors()[0]
     bench.levers.cause(faults.FlippedBit(message=message, processor=place, token=5, bit=1))
     bench.restart(lambda: bench.order(Request.RESET))
-    status = bench.status()
-    expect("the state", status.state, State.FAULT)
-    expect("the faults", status.faults, Fault.PROCESSOR)
+    expect_all(bench.status(), state=State.FAULT, faults=Fault.PROCESSOR)
     expect_there(bench, place, well)
     assert not bench.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
     bench.restart(lambda: bench.order(Request.RESET))
@@ -1001,11 +987,13 @@ def test_a_chain_that_is_not_numbered_comes_up_with_the_next_reset(bench: Bench,
 def check_nothing_missed(bench: Bench, before: Status) -> None:
     """Fail if a commit was missed, a message damaged, a change late, or a fault raised."""
     bench.wait(ROUND_SECONDS)
-    after = bench.status()
-    expect("the missed commits", after.missed_commits, before.missed_commits)
-    expect("the damaged messages", after.damaged_messages, before.damaged_messages)
-    expect("the late changes", after.late, before.late)
-    expect("the faults", after.faults, NO_FAULTS)
+    expect_all(
+        bench.status(),
+        missed_commits=before.missed_commits,
+        damaged_messages=before.damaged_messages,
+        late=before.late,
+        faults=NO_FAULTS,
+    )
 
 
 def queue_length(bench: Bench) -> int:
@@ -1071,9 +1059,7 @@ def test_sequences_close_to_each_other_begin_each_at_its_own_period(bench: Bench
     expect("whether they follow each other", periods, sorted(set(periods)))
     bench.wait_until(periods[-1] + 20)
     bench.wait(ROUND_SECONDS)
-    after = bench.status()
-    expect("the missed commits", after.missed_commits, before.missed_commits)
-    expect("the faults", after.faults, NO_FAULTS)
+    expect_all(bench.status(), missed_commits=before.missed_commits, faults=NO_FAULTS)
     steps = [(period, expected_words(pulses, bench.wiring)) for period, pulses in zip(periods, slots, strict=True)]
     bench.judge(first, periods[-1] + 20, lambda seen: check_play(seen, steps))
 

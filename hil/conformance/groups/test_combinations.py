@@ -35,7 +35,7 @@ from phasewire.hil.conformance.tools.playing import (
     start,
     told,
 )
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, require
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, expect_all, require
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -79,16 +79,7 @@ SHORT_MS = 10
 class Ending:
     """A way to disable the outputs, after which they can be enabled again.
 
-    Parameters
-    ----------
-    happens : callable
-        Makes it happen.
-    planned : callable, optional
-        Queues, first of all, what happens at a period.
-    state : State
-        The state of the device afterwards.
-    over : callable, optional
-        Brings the device to OFF if it is not there.
+    `planned` queues before all else what happens at a period; `over` brings the device to OFF from another `state`.
     """
 
     happens: Callable[[Bench, int], None]
@@ -195,15 +186,7 @@ def check_stores_are_free(bench: Bench) -> None:
 
 
 def disable_by(bench: Bench, how: str, plan: str) -> tuple[int, int]:
-    """Plan something, disable the outputs, and enable them again.
-
-    Returns
-    -------
-    since : int
-        The period from which the outputs must be silent.
-    due : int
-        The period by which all that was planned would have happened.
-    """
+    """Plan, disable and enable again; returns the period from which all is silent, and that by which all was due."""
     ending = ENDINGS[how]
     store_for_plans(bench)
     enable(bench)
@@ -242,12 +225,15 @@ def check_nothing_outlives(bench: Bench, how: str, plan: str) -> None:
             before = bench.status()
             expect("the state after something new begins", before.state, State.PLAYING)
     bench.wait_until(due + SETTLED)
-    after = bench.status()
-    expect("the state after the planned period", after.state, before.state)
-    expect("what plays since", after.since_period, before.since_period)
-    expect("the flags", after.flags, before.flags)
-    expect("the free places", after.free, bench.info.queue_blocks)
-    expect("the late changes", after.late, before.late)
+    expect_all(
+        bench.status(),
+        " after the planned period",
+        state=before.state,
+        since_period=before.since_period,
+        flags=before.flags,
+        free=bench.info.queue_blocks,
+        late=before.late,
+    )
     expect("the unsolicited records", [status.state for status in told(bench)], [])
     if plan == "beginnings":
         check_nothing_is_read_back(bench, "when what was planned is due")
@@ -312,8 +298,7 @@ def test_the_first_of_two_disabling_blocks_disables(bench: Bench) -> None:
     bench.wait_until(first - APART)
     seen = bench.status()
     if seen.now < first * TICKS_PER_PERIOD:
-        expect("the state before the first", seen.state, State.PLAYING)
-        expect("what plays since before the first", seen.since_period, field.period)
+        expect_all(seen, " before the first", state=State.PLAYING, since_period=field.period)
     bench.wait_until(first + 1)
     seen = bench.status()
     if seen.now >= second * TICKS_PER_PERIOD:
@@ -322,9 +307,7 @@ def test_the_first_of_two_disabling_blocks_disables(bench: Bench) -> None:
     bench.enable()
     again = play(bench)
     bench.wait_until(second + SETTLED)
-    status = bench.status()
-    expect("the state after the period of the second", status.state, State.PLAYING)
-    expect("what plays since", status.since_period, again.period)
+    expect_all(bench.status(), " after the period of the second", state=State.PLAYING, since_period=again.period)
 
 
 def begin_close_behind(bench: Bench, distance: int) -> tuple[int, Words, Words]:
@@ -409,10 +392,7 @@ def test_what_begins_right_after_enable_is_not_silenced(bench: Bench, what: str)
     pulses = bench.weak()
     began = bench.must(Update(pulses)).commit_period
     bench.wait_until(began + SETTLED)
-    status = bench.status()
-    expect("the state", status.state, State.PLAYING)
-    expect("what plays since", status.since_period, began)
-    expect("the flags", status.flags, StatusFlag(0))
+    expect_all(bench.status(), state=State.PLAYING, since_period=began, flags=StatusFlag(0))
     expect("whether PULSES answers the update", bench.read_back().pulses == pulses, True)
 
 

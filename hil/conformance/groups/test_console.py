@@ -17,6 +17,7 @@ from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, expected_words, only
 from phasewire.hil.conformance.tools.filling import fill_queue
 from phasewire.hil.conformance.tools.frames import frame, request_frame
+from phasewire.hil.conformance.tools.steps import expect_all
 from phasewire.hil.conformance.transports.serial import RawSerialLine
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -30,17 +31,7 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import (
-    AckFlag,
-    Fault,
-    Feature,
-    FrameKind,
-    Hardware,
-    Reason,
-    Request,
-    State,
-    StatusFlag,
-)
+from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Hardware, Reason, Request, State, StatusFlag
 from phasewire.protocol.replies import Ack, Status
 from phasewire.protocol.requests import Setup
 
@@ -94,17 +85,7 @@ Answered = TypeVar("Answered")
 
 @dataclass(frozen=True)
 class ConsoleReply:
-    """The answer to a command.
-
-    Parameters
-    ----------
-    fields : tuple of (str, str)
-        Keys and values.
-    code : int or None
-        Of the error, None for ok.
-    text : str
-        Of the error.
-    """
+    """The answer to a command: its keys and values, and code and text of its error; the code is None for ok."""
 
     fields: tuple[tuple[str, str], ...]
     code: int | None
@@ -401,10 +382,7 @@ def test_stop_works_in_every_state(bench: Bench, console: RawSerialLine, state: 
     expect("the state before", told(console, "status")["state"], wanted.name)
     before = status_of(bench, console).flags & StatusFlag.WATCHDOG_FIRED  # of an earlier case, until ENABLE
     told(console, "stop")
-    status = status_of(bench, console)
-    expect("the state", status.state, State.OFF)
-    expect("what plays", status.since_period, 0)
-    expect("the flags", status.flags, before)
+    expect_all(status_of(bench, console), state=State.OFF, since_period=0, flags=before)
     refused(console, "test 1", REFUSED)
 
 
@@ -438,8 +416,7 @@ def test_commands_are_signs_of_life_where_requests_are(bench: Bench, console: Ra
     gap = max(after - before for before, after in zip(asked[::2], [*asked[3::2], status.now], strict=True))
     if gap >= TYPED_WATCHDOG_MS * bench.slowness * TICK_HZ // 1000:
         raise TooSlow(f"up to {gap} ticks passed between two commands, which is longer than the watchdog's time")
-    expect(f"the state, although {command!r} was repeated", status.state, State.PLAYING)
-    expect("the flags", status.flags, StatusFlag(0))
+    expect_all(status, f", although {command!r} was repeated", state=State.PLAYING, flags=StatusFlag(0))
 
 
 @case("CON-004/1", "SAF-003")
@@ -447,19 +424,11 @@ def test_commands_are_signs_of_life_where_requests_are(bench: Bench, console: Ra
 def test_other_commands_are_no_signs_of_life(bench: Bench, console: RawSerialLine, command: str) -> None:
     """Other commands, and refused lines, do not keep the outputs on: they are no signs of life."""
     type_for_long(bench, console, command)
-    status = status_of(bench, console)
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
+    expect_all(status_of(bench, console), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED)
 
 
 def type_for_long(bench: Bench, console: RawSerialLine, command: str) -> list[int]:
-    """Play a test, and repeat a command for longer than the watchdog's time.
-
-    Returns
-    -------
-    list of int
-        Ticks before and after each command.
-    """
+    """Play a test, repeat a command for longer than the watchdog's time; returns ticks before and after each."""
     asked = []
     told(console, f"watchdog {TYPED_WATCHDOG_MS * bench.slowness}")
     for line in ("enable", "test 0", *[command] * 8):
@@ -843,10 +812,7 @@ def test_the_watchdog_silences_a_test(bench: Bench, console: RawSerialLine) -> N
     told(console, "enable")
     told(console, "test 17")
     wait_typing(bench, console, 0.5)
-    status = status_of(bench, console)
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
-    expect("what plays", status.since_period, 0)
+    expect_all(status_of(bench, console), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED, since_period=0)
 
 
 @case("CON-008", "SER-011")
@@ -855,9 +821,7 @@ def test_a_test_does_not_wait_for_room(bench: Bench, console: RawSerialLine) -> 
     by_request(bench, console, lambda: fill_queue(bench, 4))
     before = status_of(bench, console)
     refused(console, "test 17", REFUSED)
-    after = status_of(bench, console)
-    expect("the count of accepted blocks", after.accepted, before.accepted)
-    expect("the free places", after.free, 0)
+    expect_all(status_of(bench, console), accepted=before.accepted, free=0)
     told(console, "stop")
     told(console, "enable")
     wait_typing(bench, console, 0.01)
@@ -917,9 +881,7 @@ def test_reset_is_answered_and_then_carried_out(bench: Bench, console: RawSerial
         console.assume_console()
     now, status = bench.clock().now, bench.status()
     assert now < old + TICK_HZ * LEAVE_SECONDS, f"tick {now} is no beginning of time after tick {old}"
-    expect("the state", status.state, State.OFF)
-    expect("the watchdog time", status.watchdog_ms, bench.info.watchdog_ms)
-    expect("the count of accepted blocks", status.accepted, 0)
+    expect_all(status, state=State.OFF, watchdog_ms=bench.info.watchdog_ms, accepted=0)
     if bench.line.kind == "usb":
         expect("what a console sends when it starts", console.rest(), b"")
         console.wire.set_dtr(True)
@@ -946,9 +908,7 @@ def test_dfu_leads_to_dfu_mode(bench: Bench, console: RawSerialLine) -> None:
 
     bench.restart(upgrade_nothing)
     console.assume_console()
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("the faults", status.faults, Fault(0))
+    expect_all(bench.status(), state=State.OFF, faults=Fault(0))
 
 
 # Faults

@@ -285,13 +285,7 @@ def test_the_poll_times_are_those_of_the_flash(bench: Bench) -> None:
 
 
 def busy_with(line: RawDfuLine, image: bytes, number: int) -> DfuReply:
-    """Send a block; returns the device's answer while it is busy with it.
-
-    Raises
-    ------
-    TooSlow
-        If the answer came so late that the block could have been written by then.
-    """
+    """Send a block; returns the answer while the device is busy, inconclusive if the block may be written by then."""
     line.download(number, image[BLOCK * number :][:BLOCK])
     busy = line.status()
     passed = line.since_download

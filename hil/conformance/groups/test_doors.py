@@ -31,6 +31,7 @@ from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
     enable,
+    expect_all,
     forge,
     heavy,
     let_stores_go,
@@ -227,9 +228,7 @@ def check_judged(bench: Bench, line: RawSerialLine, before: Status) -> None:
     order(line, Request.DISABLE)
     line.rest()
     expect("the acknowledgements on the line", acks(line), [])
-    after = bench.status()
-    expect("the count of accepted blocks", after.accepted, before.accepted + 1)
-    expect("the count of dropped frames", after.dropped_frames, before.dropped_frames)
+    expect_all(bench.status(), accepted=before.accepted + 1, dropped_frames=before.dropped_frames)
 
 
 @case("SER-011", "SAF-003")

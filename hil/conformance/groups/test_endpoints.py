@@ -13,6 +13,7 @@ from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.dfu import RawDfuLine
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.player import soon
+from phasewire.hil.conformance.tools.steps import expect_all
 from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.hil.conformance.transports.usb import CONSOLE_IN, CONSOLE_OUT
 from phasewire.hil.traffic.traffic import Traffic
@@ -143,10 +144,7 @@ def read_records(bench: Bench, size: int = 32 * BLOCK_BYTES) -> list[Ack | Statu
 
 
 def read_numbers(bench: Bench, count: int) -> list[int]:
-    """Read so many acknowledgements, in as many transfers as they take, each of which must end by itself.
-
-    A fast device has its first packet ready before the other records wait.
-    """
+    """Read so many acknowledgements, in as many transfers as it takes: the first may begin before the others wait."""
     found: list[int] = []
     while len(found) < count:
         found += numbers(read_records(bench))
@@ -229,17 +227,12 @@ def test_what_plays_goes_on_while_01_out_is_halted(bench: Bench) -> None:
         expect("the state while 01 OUT is halted", bench.status().state, State.PLAYING)
         bench.wait_until(second.commit_period + 1)
         status = bench.status()
-        expect("the state, with 01 OUT still halted", status.state, State.PLAYING)
-        expect("what plays since", status.since_period, second.commit_period)
+        expect_all(status, ", with 01 OUT still halted", state=State.PLAYING, since_period=second.commit_period)
     finally:
         bench.usb.clear_halt(BLOCKS_OUT)
-    after = bench.status()
-    expect("the state", after.state, State.PLAYING)
-    expect("what plays since", after.since_period, second.commit_period)
-    expect("the count of refused blocks", after.refused, status.refused)
+    expect_all(bench.status(), state=State.PLAYING, since_period=second.commit_period, refused=status.refused)
     expect("the reason for a number once more", bench.send(NoOp(), number=second.sequence).reason, Reason.SEQUENCE)
-    ack = bench.must(NoOp(), number=(second.sequence + 1) % 2**32)
-    expect("the flags of the next number", ack.flags, AckFlag(0))
+    expect("the flags of the next number", bench.must(NoOp(), number=(second.sequence + 1) % 2**32).flags, AckFlag(0))
 
 
 @case("USB-015", line="usb")
@@ -295,15 +288,15 @@ def test_a_block_that_is_cut_short_is_refused(bench: Bench, size: int) -> None:
         write(bench, b"")  # else the next packet belongs to it
     (ack,) = read_records(bench)
     assert isinstance(ack, Ack), f"the answer is {ack}, should be an acknowledgement"
-    expect("the reason", ack.reason, Reason.LENGTH)
-    expect("the number", ack.sequence, int.from_bytes(whole[4 : min(size, 8)], "little"))
-    expect("the period of effect", ack.commit_period, 0)
+    expect_all(ack, reason=Reason.LENGTH, sequence=int.from_bytes(whole[4 : min(size, 8)], "little"), commit_period=0)
     (accepted,) = bench.send_raw(whole)
     expect("the reason of the whole block after it", accepted.reason, Reason.ACCEPTED)
-    after = bench.status()
-    expect("the count of refused blocks", after.refused, (before.refused + 1) % 2**32)
-    expect("the count of accepted blocks", after.accepted, (before.accepted + 1) % 2**32)
-    expect("the last refusal", after.last_refusal, Reason.LENGTH)
+    expect_all(
+        bench.status(),
+        refused=(before.refused + 1) % 2**32,
+        accepted=(before.accepted + 1) % 2**32,
+        last_refusal=Reason.LENGTH,
+    )
 
 
 @case("USB-017", "USB-017/1", line="usb")
@@ -330,10 +323,7 @@ def test_empty_packets_carry_nothing(bench: Bench, count: int) -> None:
     bench.must(NoOp())
     write(bench, b"")
     bench.must(NoOp())
-    after = bench.status()
-    expect("the count of refused blocks", after.refused, before.refused)
-    expect("the count of accepted blocks", after.accepted, (before.accepted + 2) % 2**32)
-    expect("the count of lost blocks", after.lost, before.lost)
+    expect_all(bench.status(), refused=before.refused, accepted=(before.accepted + 2) % 2**32, lost=before.lost)
 
 
 @case("USB-018", "ACK-001", line="usb")
@@ -480,13 +470,7 @@ def play_and_queue(bench: Bench) -> tuple[Ack, Ack]:
 
 
 def check_plays_on(status: Status, first: Ack, second: Ack) -> None:
-    """Fail if a status shows anything but the first of two changes.
-
-    Raises
-    ------
-    TooSlow
-        If the second was due, too.
-    """
+    """Fail if a status shows anything but the first of two changes; inconclusive if the second was due."""
     expect("the state", status.state, State.PLAYING)
     if status.period >= second.commit_period:
         raise TooSlow("the line was too slow: what was queued for later plays")
@@ -499,9 +483,7 @@ def check_outputs_are_turned_off(bench: Bench, way: Restart) -> None:
     before = bench.status()
     way.go(bench)
     after = bench.status()
-    expect("the state", after.state, State.OFF)
-    expect("what plays since", after.since_period, 0)
-    expect("the room in the queue", after.free, bench.info.queue_blocks)
+    expect_all(after, state=State.OFF, since_period=0, free=bench.info.queue_blocks)
     for name in ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages", "faults"):
         expect(f"the status' {name}", getattr(after, name), getattr(before, name))
     assert after.now > before.now, f"the time is {after.now}, should go on from {before.now}"
@@ -569,10 +551,7 @@ def check_unattended_ends(bench: Bench, way: Restart) -> None:
     bench.wait_until(ack.commit_period)
     expect("the state before", bench.status().state, State.UNATTENDED)
     way.go(bench)
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag(0))
-    expect("what plays since", status.since_period, 0)
+    expect_all(bench.status(), state=State.OFF, flags=StatusFlag(0), since_period=0)
 
 
 @case("USB-003", "USB-016", "SAF-005", features=Feature.UNATTENDED, line="usb")
@@ -594,8 +573,7 @@ def check_records_are_dropped(bench: Bench, way: Restart) -> None:
     let_watchdog_fire(bench)
     way.go(bench)
     expect("what comes unasked", bench.listen(QUIET), [])
-    ack = bench.must(NoOp())
-    expect("the state", ack.state, State.OFF)
+    expect("the state", bench.must(NoOp()).state, State.OFF)
 
 
 @case("USB-003", "USB-016", "USB-026", line="usb")
@@ -618,12 +596,10 @@ def check_numbering_begins_anew(bench: Bench, way: Restart) -> None:
     before = bench.status()
     way.go(bench)
     first = (start - 1000) % 2**32
-    ack = bench.must(NoOp(), number=first)
-    expect("its flags", ack.flags, AckFlag(0))
+    expect("its flags", bench.must(NoOp(), number=first).flags, AckFlag(0))
     expect("the count of lost blocks", bench.status().lost, before.lost)
     expect("the reason for its number again", bench.send(NoOp(), number=first).reason, Reason.SEQUENCE)
-    gap = bench.must(NoOp(), number=(first + 3) % 2**32)
-    expect("the flags after two missing numbers", gap.flags, AckFlag.GAP)
+    expect("the flags after two missing numbers", bench.must(NoOp(), number=(first + 3) % 2**32).flags, AckFlag.GAP)
     expect("the count of lost blocks", bench.status().lost, (before.lost + 2) % 2**32)
 
 
@@ -657,9 +633,7 @@ def check_what_stays(bench: Bench, way: Restart) -> None:
     if Feature.MODULATION in features:
         bench.must(Samples(bytes([255, 128]), 4000))
     way.go(bench)
-    status = bench.status()
-    expect("the watchdog's time", status.watchdog_ms, 12_345)
-    expect("the drive limit", status.drive_limit, limit)
+    expect_all(bench.status(), watchdog_ms=12_345, drive_limit=limit)
     bench.enable()
     plays: list[Body] = [PlaySequence(0, 1)] if Feature.SEQUENCES in features else []
     plays += [AmplitudeModulation(4000, 2, 1)] if Feature.MODULATION in features else []

@@ -14,6 +14,7 @@ from phasewire.hil.conformance.tools.steps import (
     Wrong,
     begin,
     check_same,
+    expect_all,
     far,
     features_of,
     forge,
@@ -71,8 +72,7 @@ def test_an_output_ends_at_its_period(bench: Bench, action: Action) -> None:
     status = bench.status()
     plays = action is Action.END_MODULATION
     states = {Action.END_MODULATION: State.PLAYING, Action.SILENCE: State.READY, Action.DISABLE: State.OFF}
-    expect("the state", status.state, states[action])
-    expect("flags in STATUS", status.flags, StatusFlag(0))
+    expect_all(status, " in STATUS", state=states[action], flags=StatusFlag(0))
     expect("whether something plays since a period", bool(status.since_period), plays)
     left = expected_words(pulses, bench.wiring) if plays else SILENCE
     steps = [(since, expected_words(modulated(pulses, SAMPLE), bench.wiring)), (named, left)]
@@ -140,13 +140,10 @@ def test_an_output_takes_effect_behind_what_is_queued(bench: Bench, action: Acti
     expect("commit_period of the update", bench.must(Update(bench.weak(), named)).commit_period, named)
     ack = bench.must(Output(action))
     assert ack.commit_period > named, f"the OUTPUT takes effect at {ack.commit_period}, should be after {named}"
-    expect("flags", ack.flags, AckFlag(0))
-    expect("free", ack.free, bench.info.queue_blocks - 2)
+    expect_all(ack, flags=AckFlag(0), free=bench.info.queue_blocks - 2)
     expect("the state", bench.status().state, State.READY)
     bench.disable()
-    status = bench.status()
-    expect("the state after DISABLE", status.state, State.OFF)
-    expect("free after DISABLE", status.free, bench.info.queue_blocks)
+    expect_all(bench.status(), " after DISABLE", state=State.OFF, free=bench.info.queue_blocks)
 
 
 @case("BLK-018", "SAF-002", outputs=("BLK-018", "SAF-002"))
@@ -190,10 +187,7 @@ def test_it_has_no_effect(bench: Bench, body: Clock | NoOp) -> None:
     bench.wait_until(bench.period() + 20)
     before = bench.status()
     for _ in range(5):
-        ack = bench.must(body)
-        expect("free", ack.free, bench.info.queue_blocks - 1)
-        expect("flags", ack.flags, AckFlag(0))
-        expect("the state", ack.state, State.PLAYING)
+        expect_all(bench.must(body), free=bench.info.queue_blocks - 1, flags=AckFlag(0), state=State.PLAYING)
     check_same(before, bench.status(), accepted=(before.accepted + 5) % 2**32)
 
 

@@ -19,6 +19,7 @@ from phasewire.hil.conformance.tools.steps import (
     await_state,
     begin,
     check_same,
+    expect_all,
     far,
     forge,
     heavy,
@@ -101,8 +102,7 @@ def refuse_requests(bench: Bench, setups: list[tuple[Setup, bytes]]) -> None:
         assert answer is None, f"request {setup.encode().hex(' ')} is answered, should be STALL"
     after = bench.status()
     check_same(before, after)
-    expect("the count of refused blocks", after.refused, before.refused)
-    expect("the last refusal", after.last_refusal, before.last_refusal)
+    expect_all(after, refused=before.refused, last_refusal=before.last_refusal)
 
 
 # Arguments
@@ -207,9 +207,7 @@ def test_nothing_is_answered_while_not_configured(bench: Bench) -> None:
             expect(f"request {number} while not configured", bench.request(setup), None)
     finally:
         bench.usb.set_configuration()
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("watchdog_ms", status.watchdog_ms, bench.info.watchdog_ms)
+    expect_all(bench.status(), state=State.OFF, watchdog_ms=bench.info.watchdog_ms)
 
 
 @case("REQ-001", "REQ-009", "REQ-010", "REQ-012")
@@ -525,18 +523,14 @@ def play(bench: Bench, body: Update | PlaySequence | AmplitudeModulation | Outpu
     began = bench.must(Update(body.pulses, period) if isinstance(body, Update) else body).commit_period
     after = bench.status()
     if after.period < began:
-        expect("since_period before the change", after.since_period, before.since_period)
-        expect("flags before the change", after.flags, before.flags)
+        expect_all(after, " before the change", since_period=before.since_period, flags=before.flags)
     bench.wait_until(began)
     return began
 
 
 def check_plays(bench: Bench, what: str, state: State, flags: StatusFlag, since: int) -> None:
     """Check what a status says about what plays."""
-    status = bench.status()
-    expect(f"the state with {what}", status.state, state)
-    expect(f"flags with {what}", status.flags, flags)
-    expect(f"since_period with {what}", status.since_period, since)
+    expect_all(bench.status(), f" with {what}", state=state, flags=flags, since_period=since)
 
 
 @case("REQ-003", "SAF-003")
@@ -892,9 +886,7 @@ def test_watchdog_and_limit_are_infos_after_a_restart(bench: Bench) -> None:
 
 def check_settings(bench: Bench, watchdog_ms: int, limit: int) -> None:
     """Check what STATUS says of them."""
-    status = bench.status()
-    expect("watchdog_ms", status.watchdog_ms, watchdog_ms)
-    expect("drive_limit", status.drive_limit, limit)
+    expect_all(bench.status(), watchdog_ms=watchdog_ms, drive_limit=limit)
 
 
 @case("REQ-010", "SAF-006", "REQ-001")
@@ -975,9 +967,12 @@ def test_faults_are_cleared_when_their_cause_is_gone(bench: Bench, fault: Fault)
         bench.outlast(0.03)
         expect("faults before CLEAR_FAULTS", bench.status().faults, fault)
         bench.order(Request.CLEAR_FAULTS)
-        status = bench.status()
-        expect(f"faults after {cause}", status.faults, Fault(0) if cleared else fault)
-        expect(f"the state after {cause}", status.state, State.OFF if cleared else State.FAULT)
+        expect_all(
+            bench.status(),
+            f" after {cause}",
+            faults=Fault(0) if cleared else fault,
+            state=State.OFF if cleared else State.FAULT,
+        )
         expect("whether ENABLE is accepted", bench.try_order(Request.ENABLE), cleared)
 
 

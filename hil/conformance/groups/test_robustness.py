@@ -10,7 +10,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Risk, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
 from phasewire.hil.conformance.tools.forge import FIELDS, forged
-from phasewire.hil.conformance.tools.steps import enable
+from phasewire.hil.conformance.tools.steps import enable, expect_all
 from phasewire.protocol.blocks import Block, Body, Clock, Entries, Entry, NoOp, Samples, Slot, Update, pack
 from phasewire.protocol.board import TICK_HZ
 from phasewire.protocol.codes import (
@@ -59,9 +59,12 @@ def check_sound(bench: Bench, before: Status, accepted: int, refused: int) -> No
     after, end = bench.status(), bench.line.time.monotonic() + SOON
     while after.free != before.free and bench.line.time.monotonic() < end:  # stores may wait to go onto the chain
         after = bench.status()
-    expect("the room in the queue", after.free, before.free)
-    expect("the count of accepted blocks", after.accepted, (before.accepted + accepted) % 2**32)
-    expect("the count of refused blocks", after.refused, (before.refused + refused) % 2**32)
+    expect_all(
+        after,
+        free=before.free,
+        accepted=(before.accepted + accepted) % 2**32,
+        refused=(before.refused + refused) % 2**32,
+    )
     for name in COUNTED:
         expect(f"the status' {name}", getattr(after, name), getattr(before, name))
     if bench.line.kind == "usb":
@@ -324,8 +327,7 @@ def test_unknown_requests_stall_between_valid_blocks(bench: Bench) -> None:
         setup, data = next(setups)
         answer = bench.request(setup, data)
         assert answer is None, f"{setup} with {len(data)} bytes is answered with {answer!r}, should be with STALL"
-        ack = bench.must(NoOp())
-        expect("the flags", ack.flags, AckFlag(0))
+        expect("the flags", bench.must(NoOp()).flags, AckFlag(0))
     check_sound(bench, before, 160, 0)
 
 
@@ -386,9 +388,7 @@ def test_the_device_survives_nonsense_everywhere(bench: Bench) -> None:
         bench.usb.write(0x03, bench.random.randbytes(bench.random.randint(1, 600)), 0.01)
         bench.usb.read(0x83, 16 * BLOCK_BYTES, 0.01)
         check_batch(bench, KINDS, 20)
-    status = bench.status()
-    expect("the state", status.state, State.PLAYING)
-    expect("what plays since", status.since_period, first.commit_period)
+    expect_all(bench.status(), state=State.PLAYING, since_period=first.commit_period)
 
 
 # The console

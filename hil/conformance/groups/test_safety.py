@@ -10,26 +10,23 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, TooSlow, case, expect, not_allowed
 from phasewire.hil.conformance.sight.capture import Seen
-from phasewire.hil.conformance.sight.waveforms import (
-    SILENCE,
-    Words,
-    check_play,
-    check_silent,
-    expected_words,
-    only,
-)
+from phasewire.hil.conformance.sight.waveforms import SILENCE, Words, check_play, check_silent, expected_words, only
 from phasewire.hil.conformance.tools.drives import power, widths_for
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.playing import PLAYS, check_falls_silent, play, silent_from
 from phasewire.hil.conformance.tools.playing import start as start_playing
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, features_of, forge, require, set_limit, some
-from phasewire.hil.conformance.tools.watchdog import (
-    TICKS_PER_MS,
-    await_firing,
-    check_not_yet,
-    far_ahead,
-    patience,
+from phasewire.hil.conformance.tools.steps import (
+    LONG_MS,
+    SILENT,
+    enable,
+    expect_all,
+    features_of,
+    forge,
+    require,
+    set_limit,
+    some,
 )
+from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_not_yet, far_ahead, patience
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -84,11 +81,9 @@ def test_the_watchdog_silences_what_plays(bench: Bench, what: str) -> None:
     bench.order(Request.WATCHDOG, ms)
     check_not_yet(bench, last + ms * TICKS_PER_MS)
     await_firing(bench, last, last, ms)
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("what plays since", status.since_period, 0)
-    expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect_all(
+        bench.status(), state=State.OFF, since_period=0, flags=StatusFlag.WATCHDOG_FIRED, free=bench.info.queue_blocks
+    )
     fires = last + ms * TICKS_PER_MS
     end = fires // TICKS_PER_PERIOD + 100
     if field is None:
@@ -264,14 +259,9 @@ def test_a_request_that_is_a_sign_of_life(bench: Bench, request_: Request) -> No
 
 @dataclass(frozen=True)
 class Refused:
-    """Blocks that are refused, and how to bring a device to refuse them.
+    """Blocks that are refused, given the acknowledgement of the last accepted one.
 
-    Parameters
-    ----------
-    blocks : callable
-        The blocks, given the acknowledgement of the last accepted one.
-    before : callable, optional
-        May prepare something while the outputs are off; returns what must be accepted after they are enabled.
+    `before` may prepare something while the outputs are off; it returns what must be accepted once they are enabled.
     """
 
     blocks: Callable[[Bench, Ack], list[bytes]]
@@ -551,10 +541,7 @@ def test_an_unattended_sequence_goes_on_without_its_host(bench: Bench) -> None:
     bench.order(Request.WATCHDOG, 10)
     came = bench.listen(0.2)
     expect("the unsolicited records", came, [])
-    status = bench.status()
-    expect("the state", status.state, State.UNATTENDED)
-    expect("the flags", status.flags, StatusFlag.SEQUENCE)
-    expect("what plays since", status.since_period, field.period)
+    expect_all(bench.status(), state=State.UNATTENDED, flags=StatusFlag.SEQUENCE, since_period=field.period)
     end = bench.period()
     bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
 
@@ -604,8 +591,7 @@ def test_the_end_of_an_attended_sequence_is_no_sign_of_life(bench: Bench) -> Non
     store_sequence(bench, 200)
     last = bench.must(PlaySequence(0, 1, repeats=2))
     bench.order(Request.WATCHDOG, ms)
-    told = bench.await_unasked(1)
-    expect("the state in the record of the end", told.state, State.READY)
+    expect("the state in the record of the end", bench.await_unasked(1).state, State.READY)
     await_firing(bench, last.now, last.now, ms)
 
 
@@ -621,11 +607,7 @@ def test_disable_silences_what_plays(bench: Bench, what: str) -> None:
     before = bench.clock().now
     bench.order(Request.DISABLE)
     after = bench.clock().now
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("what plays since", status.since_period, 0)
-    expect("the flags", status.flags, StatusFlag(0))
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect_all(bench.status(), state=State.OFF, since_period=0, flags=StatusFlag(0), free=bench.info.queue_blocks)
     end = after // TICKS_PER_PERIOD + 100
     bench.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, before, after))
 
@@ -697,14 +679,11 @@ def test_what_is_queued_is_dropped_by_disable(bench: Bench) -> None:
     bench.order(Request.DISABLE)
     check_not_yet(bench, first * TICKS_PER_PERIOD)
     since = bench.period() + SILENT_PERIODS
-    status = bench.status()
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect("the free places", bench.status().free, bench.info.queue_blocks)
     bench.enable()
     bench.wait_periods(ahead + 500)
     after = bench.status()
-    expect("the state", after.state, State.READY)
-    expect("what plays since", after.since_period, 0)
-    expect("the flags", after.flags, StatusFlag(0))
+    expect_all(after, state=State.READY, since_period=0, flags=StatusFlag(0))
     expect("the blocks accepted, refused, late and lost", counts(after), counts(before))
     expect("the missed commits and damaged messages", damage(after), damage(before))
     end = bench.period()
@@ -724,14 +703,11 @@ def test_what_is_accepted_behind_a_disabling_block_is_dropped(bench: Bench) -> N
     expect("the free places", before.free, bench.info.queue_blocks - behind - 1)
     bench.wait_until(ends + 1)
     after = bench.status()
-    expect("the state", after.state, State.OFF)
-    expect("the free places", after.free, bench.info.queue_blocks)
+    expect_all(after, state=State.OFF, free=bench.info.queue_blocks)
     expect("the blocks accepted, refused, late and lost", counts(after), counts(before))
     bench.enable()
     bench.wait_until(ends + 400)
-    status = bench.status()
-    expect("the state", status.state, State.READY)
-    expect("what plays since", status.since_period, 0)
+    expect_all(bench.status(), state=State.READY, since_period=0)
     steps = [(field.period, field.words), (ends, SILENCE)]
     bench.judge(field.period, ends + 400, lambda seen: check_play(seen, steps))
 
@@ -833,11 +809,13 @@ def test_changes_are_refused_while_the_outputs_are_off(bench: Bench, how: str) -
         expect(f"the reason for {body.KIND.name}", ack.reason, Reason.DISABLED)
         expect("the state in the acknowledgement", ack.state, State.OFF)
         expect("the period at which it takes effect", ack.commit_period, 0)
-    after = bench.status()
-    expect("the count of refused blocks", after.refused, before.refused + len(refused))
-    expect("the last refusal", after.last_refusal, Reason.DISABLED)
-    expect("the count of accepted blocks", after.accepted, before.accepted)
-    expect("the free places", after.free, bench.info.queue_blocks)
+    expect_all(
+        bench.status(),
+        refused=before.refused + len(refused),
+        last_refusal=Reason.DISABLED,
+        accepted=before.accepted,
+        free=bench.info.queue_blocks,
+    )
     bench.enable()
     bench.wait_periods(100)
     expect("the state, as nothing of it was queued", bench.status().state, State.READY)
@@ -880,12 +858,8 @@ def test_an_update_above_the_limit_is_refused(bench: Bench, limit: int) -> None:
     more = most.copy()
     more[int(np.flatnonzero(more == 0)[0])] = 1
     before = bench.status()
-    ack = bench.send(Update(Pulses(np.zeros(CHANNELS, np.uint8), more)))
-    expect("the reason", ack.reason, Reason.DRIVE)
-    after = bench.status()
-    expect("the count of refused blocks", after.refused, before.refused + 1)
-    expect("the last refusal", after.last_refusal, Reason.DRIVE)
-    expect("what plays since", after.since_period, field.period)
+    expect("the reason", bench.send(Update(Pulses(np.zeros(CHANNELS, np.uint8), more))).reason, Reason.DRIVE)
+    expect_all(bench.status(), refused=before.refused + 1, last_refusal=Reason.DRIVE, since_period=field.period)
     end = bench.period()
     bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
 
@@ -903,8 +877,7 @@ def test_a_sequence_with_a_slot_above_a_lowered_limit_is_refused(bench: Bench) -
     set_limit(bench, 2)
     bench.enable()
     for count, reason in ((3, Reason.DRIVE), (2, Reason.ACCEPTED), (3, Reason.DRIVE)):
-        ack = bench.send(PlaySequence(0, count))
-        expect(f"the reason for {count} entries", ack.reason, reason)
+        expect(f"the reason for {count} entries", bench.send(PlaySequence(0, count)).reason, reason)
     expect("the last refusal", bench.status().last_refusal, Reason.DRIVE)
     expect("the reason for the entry alone", bench.send(PlaySequence(2, 1)).reason, Reason.DRIVE)
     bench.disable()

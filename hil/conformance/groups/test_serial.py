@@ -26,7 +26,7 @@ from phasewire.hil.conformance.tools.exchange import (
 )
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
-from phasewire.hil.conformance.tools.steps import LONG_MS, enable
+from phasewire.hil.conformance.tools.steps import LONG_MS, enable, expect_all
 from phasewire.hil.conformance.tools.watchdog import await_firing, check_not_yet
 from phasewire.hil.conformance.transports.serial import QUIET_SECONDS, RawSerialLine
 from phasewire.hil.conformance.transports.usb import CONSOLE_OUT
@@ -122,8 +122,7 @@ def test_the_examples_are_understood_and_answered(frames: RawSerialLine) -> None
     """The frames that the specification prints byte by byte are understood: all others are built like them."""
     content = exchange(frames, bytes.fromhex("05 03 2A C1 02 01 01 01 02 40 05 CD C2 88 CE 00"))
     expect("kind, tag and outcome of the reply", content[:3], bytes([REPLY, 0x2A, DONE]))
-    status = Status.decode(content[3:])
-    expect("the state in STATUS", status.state, State.OFF)
+    expect("the state in STATUS", Status.decode(content[3:]).state, State.OFF)
     frames.write(request_frame(0x2A, Setup(VENDOR_IN, 99, 0, 0, 64)))
     expect("the reply to an unknown request", raw_frames(frames), [bytes.fromhex("08 04 2A 01 70 8D 24 E0")])
 
@@ -163,11 +162,8 @@ def test_full_groups_are_understood(bench: Bench, frames: RawSerialLine, tail: i
     """A frame with a long run of bytes without a zero at its end is understood: pulses often contain none."""
     block = refused_block(bench, tail)
     before = bench.status()
-    ack = send(frames, block)
-    expect("the reason, as these bytes are no block", ack.reason, Reason.CHECKSUM)
-    after = bench.status()
-    expect("the count of damaged frames", after.dropped_frames, before.dropped_frames)
-    expect("the count of refused blocks", after.refused, before.refused + 1)
+    expect("the reason, as these bytes are no block", send(frames, block).reason, Reason.CHECKSUM)
+    expect_all(bench.status(), dropped_frames=before.dropped_frames, refused=before.refused + 1)
 
 
 @case("SER-003", "SER-006")
@@ -344,9 +340,7 @@ def test_damaged_frames_are_no_sign_of_life(bench: Bench, frames: RawSerialLine)
     for _ in range(4):
         bench.outlast(0.1)
         frames.write(b"\0" + DAMAGED["request-out-with-too-much"])
-    status = Status.decode(ask(frames, Request.STATUS))
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
+    expect_all(Status.decode(ask(frames, Request.STATUS)), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED)
 
 
 @case("SER-006", "BLK-003", "ACK-003")
@@ -361,9 +355,9 @@ def test_a_block_that_is_wrong_is_answered(bench: Bench, frames: RawSerialLine) 
         (Reason.KIND, forged(good, kind=77)),
         (Reason.FIELD, forged(good, period=1)),
     ):
-        ack = send(frames, block)
-        expect("the reason", ack.reason, reason)
-        expect("the number in the acknowledgement", ack.sequence, int.from_bytes(good[4:8], "little"))
+        expect_all(
+            send(frames, block), " in the acknowledgement", reason=reason, sequence=int.from_bytes(good[4:8], "little")
+        )
     same_but(before, bench.status(), refused=5, last_refusal=Reason.FIELD - before.last_refusal)
 
 
@@ -604,9 +598,7 @@ def test_nothing_comes_unasked_of_a_console(bench: Bench, console: RawSerialLine
     expect("what comes when the watchdog fires", console.rest(), b"")
     console.enter_frames()
     expect("what comes in frames later", console.rest(), b"")
-    status = Status.decode(ask(console, Request.STATUS))
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
+    expect_all(Status.decode(ask(console, Request.STATUS)), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED)
 
 
 @case("ACK-006", "SER-010", "SER-004")
@@ -735,8 +727,7 @@ def test_a_block_that_waits_is_judged_when_a_change_leaves_the_queue(bench: Benc
     first, last = queued[0].commit_period, queued[-1].commit_period
     if ack.now >= TICKS_PER_PERIOD * first:
         raise TooSlow("the queue could not be filled in time: a change had left it before the last block came")
-    expect("the reason", ack.reason, Reason.ACCEPTED)
-    expect("the free places, as the block took the first that became free", ack.free, 0)
+    expect_all(ack, ", after it took the first place that became free", reason=Reason.ACCEPTED, free=0)
     assert ack.commit_period > last, f"it plays from period {ack.commit_period} on, should play after period {last}"
     expect("the reason of a block after it", send(frames, behind, 10 + bench.slowness).reason, Reason.ACCEPTED)
 
@@ -756,9 +747,7 @@ def test_a_second_block_that_would_wait_is_dropped(bench: Bench, frames: RawSeri
     ack = send(frames, third)
     expect("the reason of a later block", ack.reason, Reason.ACCEPTED)
     expect("its flags, as the dropped block is missing", ack.flags, AckFlag.GAP)
-    after = bench.status()
-    expect("the count of accepted blocks", after.accepted, before.accepted + 2)
-    expect("the count of lost blocks", after.lost, before.lost + 1)
+    expect_all(bench.status(), accepted=before.accepted + 2, lost=before.lost + 1)
 
 
 @case("SER-011", "ACK-006/1", "SAF-003", since=2)
@@ -844,9 +833,7 @@ def test_a_block_that_was_lost_is_missed(bench: Bench, frames: RawSerialLine) ->
     before = bench.status()
     lost, block = no_op(bench), no_op(bench)
     damage(bench, frames, frame(BLOCK, lost)[:300] + b"\0")
-    ack = send(frames, block)
-    expect("the reason of the next block", ack.reason, Reason.ACCEPTED)
-    expect("its flags", ack.flags, AckFlag.GAP)
+    expect_all(send(frames, block), " of the next block", reason=Reason.ACCEPTED, flags=AckFlag.GAP)
     same_but(before, bench.status(), accepted=1, lost=1, dropped_frames=1)
 
 
@@ -1011,8 +998,7 @@ def test_doors_share_one_watchdog(bench: Bench, frames: RawSerialLine) -> None:
     status = bench.status()
     if max(later - former for former, later in pairwise([*asked, status.now])) >= ms * TICK_HZ // 1000:
         raise TooSlow("this line is too slow: the watchdog may have fired between two requests")
-    expect("the state", status.state, State.READY)
-    expect("the flags", status.flags, StatusFlag(0))
+    expect_all(status, state=State.READY, flags=StatusFlag(0))
 
 
 @case("USB-003", "SER-016", "USB-026", line="usb")

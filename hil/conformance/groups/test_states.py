@@ -17,6 +17,7 @@ from phasewire.hil.conformance.tools.steps import (
     MOST_ENTRY_PERIODS,
     SILENT,
     enable,
+    expect_all,
     let_stores_go,
     require,
     suspended,
@@ -157,10 +158,7 @@ def test_what_the_host_does_leads_to(bench: Bench, state: State, way: str) -> No
     wanted = [follows] if way in TELLING and (follows is not state or way == "last repeat") else []
     expect("the states of the unsolicited records", [status.state for status in said], wanted)
     if follows is state and way in NO_CHANGE:
-        after = bench.status()
-        expect("what plays since", after.since_period, before.since_period)
-        expect("the flags", after.flags, before.flags)
-        expect("the free places", after.free, before.free)
+        expect_all(bench.status(), since_period=before.since_period, flags=before.flags, free=before.free)
 
 
 FOLLOWERS: dict[str, tuple[Callable[[int], Body], State, list[State]]] = {
@@ -300,15 +298,7 @@ def test_what_a_serial_line_ends_on_a_suspended_bus_leaves_it_suspended(bench: B
         expect_state(bench, OFF)
 
 
-@case(
-    "STA-004",
-    "REQ-011",
-    "USB-020",
-    "SER-016",
-    line="usb",
-    needs=(Need.SUSPEND, Need.FAULTS),
-    allow=(Risk.RESET,),
-)
+@case("STA-004", "REQ-011", "USB-020", "SER-016", line="usb", needs=(Need.SUSPEND, Need.FAULTS), allow=(Risk.RESET,))
 def test_a_fault_that_is_cleared_on_a_suspended_bus_leaves_the_device_suspended(bench: Bench) -> None:
     """If a host at the UART clears a fault while the bus is suspended, SUSPEND follows at once."""
     with bench.door("uart") as line:
@@ -392,13 +382,11 @@ def test_a_restart_leaves_fault_where_its_cause_is_gone(bench: Bench) -> None:
     heat(bench, 2 * HOT_PERIODS)
     bench.restart(lambda: bench.order(Request.RESET))
     status = bench.status()
-    expect("the state while the board is hot", status.state, FAULT)
-    expect("the faults while the board is hot", status.faults, Fault.TEMPERATURE)
+    expect_all(status, " while the board is hot", state=FAULT, faults=Fault.TEMPERATURE)
     bench.wait_periods(2 * HOT_PERIODS)
     bench.restart(lambda: bench.order(Request.RESET))
     status = bench.status()
-    expect("the state", status.state, LEADS_TO["RESTART"][FAULT])
-    expect("the faults", status.faults, Fault(0))
+    expect_all(status, state=LEADS_TO["RESTART"][FAULT], faults=Fault(0))
 
 
 # Two doors

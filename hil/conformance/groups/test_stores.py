@@ -397,10 +397,7 @@ def beside(bench: Bench, size: int, a_block: int) -> list[range]:
 
 
 def renewals(player: Player, what: str) -> list[tuple[list[Body], PlaySequence | AmplitudeModulation]]:
-    """New content for places that do not play, in two parts, each with a change that plays it.
-
-    What else these need is stored at once.
-    """
+    """New content for places that do not play, in two parts, each with a change that plays it; stores the rest."""
     bench, draw = player.bench, player.bench.random
     if what == "samples":
         return [

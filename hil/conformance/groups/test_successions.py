@@ -21,12 +21,8 @@ from phasewire.hil.conformance.tools.planning import (
     store_for_plans,
 )
 from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, check_in_time, soon
-from phasewire.hil.conformance.tools.playing import (
-    play,
-    start,
-    told,
-)
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, require
+from phasewire.hil.conformance.tools.playing import play, start, told
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, expect_all, require
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, TICKS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -89,11 +85,9 @@ def check_successor(bench: Bench, by: str, unattended: bool, at: Callable[[int, 
     bench.unasked.clear()
     bench.wait_until(max(since, ends) + SETTLED)
     status = bench.status()
-    expect("the state after the time of what was replaced", status.state, state)
-    expect("what plays since", status.since_period, since)
+    expect_all(status, " after the time of what was replaced", state=state, since_period=since)
     sequence = StatusFlag(0) if "update" in by else StatusFlag.SEQUENCE
-    expect("the flags", status.flags, sequence)
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect_all(status, flags=sequence, free=bench.info.queue_blocks)
 
 
 every_successor = pytest.mark.parametrize("by", SUCCESSORS)
@@ -299,14 +293,9 @@ TRIES = 100
 
 
 def fire_over_the_chain(bench: Bench, change: Callable[[int], Change]) -> tuple[int, int]:
-    """Let the watchdog fire within `CHAIN_TICKS` before the period of a change.
+    """Let the watchdog fire within `CHAIN_TICKS` before the period of a change; returns that of silence, and that.
 
-    The watchdog fires a whole number of milliseconds after the last sign of life, so the right moment must be met.
-
-    Returns
-    -------
-    since, due : int
-        The period from which on the outputs must be silent, and that of the change.
+    It fires a whole number of milliseconds after the last sign of life, so the right moment must be met.
     """
     due = soon(bench, 2 * TRIES)
     check_in_time(bench.must(change(due)), due)

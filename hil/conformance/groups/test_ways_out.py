@@ -28,6 +28,7 @@ from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
     enable,
+    expect_all,
     features_of,
     forge,
     heavy,
@@ -35,13 +36,7 @@ from phasewire.hil.conformance.tools.steps import (
     set_limit,
     suspended,
 )
-from phasewire.hil.conformance.tools.watchdog import (
-    PERIODS_PER_MS,
-    TICKS_PER_MS,
-    await_firing,
-    check_not_yet,
-    patience,
-)
+from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, TICKS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.host.transports.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -121,8 +116,7 @@ def cool(bench: Bench) -> None:
     bench.wait(ROUND_SECONDS)
     status = bench.status()
     expect("state and faults", (status.state, status.faults), (FAULT, Fault.TEMPERATURE))
-    expect("what plays since", status.since_period, 0)
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect_all(status, since_period=0, free=bench.info.queue_blocks)
     assert not bench.try_order(Request.ENABLE), "ENABLE is not answered with STALL in FAULT"
 
 
@@ -264,10 +258,7 @@ def share(bench: Bench) -> float:
 
 
 def leave(bench: Bench, way: WayOut, also: Callable[[Bench], object] = lambda _: None) -> Status:
-    """Lower the limit, reach a state and take the way out of it; returns the status, which must be that of OFF.
-
-    In that state something more may be begun.
-    """
+    """Lower the limit, reach a state, begin something more, take the way out; returns the status, that of OFF."""
     set_limit(bench, HELD)
     reach(bench, way.state, share(bench))
     also(bench)
@@ -283,9 +274,7 @@ def leave(bench: Bench, way: WayOut, also: Callable[[Bench], object] = lambda _:
     if way.steps[-1].name == "watchdog":
         flags = StatusFlag.WATCHDOG_FIRED
     expect("state and flags", (status.state, status.flags), (OFF, flags))
-    expect("the faults", status.faults, Fault(0))
-    expect("what plays since", status.since_period, 0)
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect_all(status, faults=Fault(0), since_period=0, free=bench.info.queue_blocks)
     info = bench.info
     limits = (info.watchdog_ms, info.drive_limit) if way.restarts else (LONG_MS, HELD)
     expect("the watchdog time and the drive limit", (status.watchdog_ms, status.drive_limit), limits)

@@ -79,14 +79,7 @@ class NarrowTime(NamedTuple):
 def spans(units: dict[str, int], least: int, most: int = 2**63) -> list[NarrowTime]:
     """For each unit and width the shortest time, not below the minimum, that leaves less than 1 in that width.
 
-    It is an odd multiple, so that a signed number of one more bit is negative.
-
-    Parameters
-    ----------
-    units : dict of str to int
-        How many of each there are in one unit of the result.
-    least, most : int
-        Times longer than ``most`` are left out.
+    It is an odd multiple, so that a signed number of one more bit is negative. Times above `most` are left out.
     """
     found = []
     for name, count in units.items():
@@ -501,8 +494,7 @@ def check_wrap(device: Bench, edge: int, unattended: bool) -> None:
     since = ends * TICKS_PER_PERIOD if unattended else last
     ms = ((edge + AROUND_SECONDS * CARRIER_HZ) * TICKS_PER_PERIOD - since) // TICKS_PER_MS
     device.order(Request.WATCHDOG, ms)
-    ended = device.await_unasked(2 * AROUND_SECONDS)
-    expect("the tick at which the sequence ends", ended.now, ends * TICKS_PER_PERIOD)
+    expect("the tick at which the sequence ends", device.await_unasked(2 * AROUND_SECONDS).now, ends * TICKS_PER_PERIOD)
     device.wait_until(edge + 1001)
     expect("since when the update plays", device.read_back().since_period, edge + 1000)
     await_firing(device, since, since, ms)

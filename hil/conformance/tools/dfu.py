@@ -34,18 +34,7 @@ GET_DESCRIPTOR = 6
 
 
 class RawDfuLine:
-    """DFU requests to a device.
-
-    Parameters
-    ----------
-    bench : Bench
-        The device, on USB.
-
-    Attributes
-    ----------
-    detached : float or None
-        The host's time when DETACH was last answered, in seconds.
-    """
+    """DFU requests to a device; `detached` is the host's time when DETACH was last answered, in seconds."""
 
     def __init__(self, bench: Bench) -> None:
         self.detached: float | None = None
@@ -112,13 +101,7 @@ class RawDfuLine:
     # Steps of more than one request
 
     def poll(self) -> DfuReply:
-        """Ask for the status while the device says that it is busy, no earlier than it allows.
-
-        Raises
-        ------
-        AssertionError
-            If the device stalls, or stays busy.
-        """
+        """Ask for the status while the device says that it is busy, no earlier than it allows; it must end."""
         for _ in range(MOST_POLLS):
             reply = self.status()
             assert reply is not None, "GETSTATUS is answered with STALL"
@@ -129,10 +112,7 @@ class RawDfuLine:
         raise AssertionError(f"the device is still busy after {MOST_POLLS} polls")
 
     def send(self, image: bytes, first: int = 0, last: int | None = None) -> DfuReply:
-        """Download the blocks of an image from one to another, not included; returns the last poll.
-
-        It stops at the first one that is refused or fails.
-        """
+        """Download blocks of an image, up to the last or the first that is refused or fails; returns the last poll."""
         blocks = [image[at : at + DFU_TRANSFER_BYTES] for at in range(0, len(image), DFU_TRANSFER_BYTES)]
         reply: DfuReply | None = None
         for number in range(first, len(blocks) if last is None else last):

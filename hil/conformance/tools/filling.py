@@ -23,23 +23,10 @@ FAR_SECONDS = 0.03
 
 
 def fill_queue(bench: Bench, seconds: float) -> list[Ack]:
-    """Enable the outputs, and queue as many silent updates as there is room for.
+    """Enable the outputs, and queue as many silent updates as there is room for; returns their acknowledgements.
 
-    Parameters
-    ----------
-    bench : Bench
-    seconds : float
-        The least time for which the queue is full, before the first of them leaves it.
-
-    Returns
-    -------
-    list of Ack
-        Those of the updates.
-
-    Raises
-    ------
-    Inconclusive
-        If that takes too long over this line.
+    The queue is full for at least so many seconds before the first of them leaves it. It is inconclusive if filling
+    takes too long over this line.
     """
     rooms, step = bench.info.queue_blocks, 10 * max(bench.info.periods_per_update, 1)
     carries = bench.line.transit(2 * MAX_FRAME_BYTES) if isinstance(bench.line, RawSerialLine) else 0.0

@@ -39,13 +39,7 @@ def _groups(piece: bytes) -> bytes:
 
 
 def unstuffed(coded: bytes) -> bytes:
-    """Undo `stuffed`.
-
-    Raises
-    ------
-    AssertionError
-        If these bytes do not encode a content.
-    """
+    """Undo `stuffed`; fails if these bytes do not encode a content."""
     content, at, goes_on = bytearray(), 0, False
     while at < len(coded):
         length = coded[at]

@@ -9,6 +9,7 @@ from ....protocol.replies import Status
 from ..bench import Bench
 from ..cases import expect
 from .player import is_fast
+from .steps import expect_all
 from .watchdog import far_ahead
 
 __all__ = [
@@ -47,8 +48,7 @@ def store(bench: Bench, periods: int, place: int = PLACE) -> Pulses:
 
 def check_rest(status: Status, bench: Bench, state: State, what: str) -> None:
     """Fail unless nothing plays, modulates or is queued."""
-    expect(f"the state {what}", status.state, state)
-    expect(f"what plays since {what}", status.since_period, 0)
+    expect_all(status, f" {what}", state=state, since_period=0)
     expect(f"the flags {what}", status.flags & ~StatusFlag.WATCHDOG_FIRED, StatusFlag(0))
     expect(f"the free places {what}", status.free, bench.info.queue_blocks)
 

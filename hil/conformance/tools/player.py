@@ -110,12 +110,7 @@ def _loop(begin: int, items: Iterable[tuple[Item, int]], repeats: int = 0) -> _L
 
 
 class Score:
-    """What must play in each period.
-
-    Parameters
-    ----------
-    wiring : Wiring
-    """
+    """What must play in each period."""
 
     def __init__(self, wiring: Wiring) -> None:
         self._wiring = wiring
@@ -181,17 +176,7 @@ def _current(loops: list[_Loop[Item]], period: int) -> tuple[_Loop[Item], int]:
 
 
 class Player:
-    """An enabled device whose watchdog does not interfere.
-
-    Parameters
-    ----------
-    bench : Bench
-
-    Attributes
-    ----------
-    score : Score
-        Of all accepted blocks.
-    """
+    """An enabled device whose watchdog does not interfere, and the score of all accepted blocks."""
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
@@ -255,10 +240,7 @@ class Player:
 def check_in_time(ack: Ack, named: int) -> None:
     """Fail unless an accepted change takes effect at its named period or, without one, after its arrival.
 
-    Raises
-    ------
-    TooSlow
-        If its block arrived too late for that promise.
+    It is inconclusive if its block arrived too late for that promise.
     """
     assert ack.commit_period > ack.now_period, (
         f"a change takes effect at period {ack.commit_period}, its block had arrived in period {ack.now_period}"

@@ -47,6 +47,7 @@ __all__ = [
     "check_sync",
     "cut",
     "enable",
+    "expect_all",
     "far",
     "features_of",
     "forge",
@@ -96,13 +97,7 @@ class Wrong(NamedTuple):
 
 
 def require(bench: Bench, features: Feature) -> None:
-    """Continue only if the device has some features.
-
-    Raises
-    ------
-    NotApplicable
-        If it lacks one.
-    """
+    """Continue only if the device has some features; otherwise not applicable."""
     if missing := features & ~bench.info.features:
         raise NotApplicable(f"INFO does not name the feature {missing.name}")
 
@@ -131,6 +126,26 @@ def begin(bench: Bench) -> None:
     bench.must(NoOp())
 
 
+IN_WORDS = {
+    "accepted": "the count of accepted blocks",
+    "dropped_frames": "the count of damaged frames",
+    "free": "the free places",
+    "late": "the count of late changes",
+    "lost": "the count of lost blocks",
+    "refused": "the count of refused blocks",
+    "sequence": "the number",
+    "since_period": "what plays since",
+    "watchdog_ms": "the watchdog's time",
+}
+"""Fields of records as a failure names them, if their own names do not say it."""
+
+
+def expect_all(record: object, when: str = "", /, **wanted: object) -> None:
+    """Fail unless a record has these values; a text tells of which moment."""
+    for name, value in wanted.items():
+        expect(f"{IN_WORDS.get(name) or f'the {name}'.replace('_', ' ')}{when}", getattr(record, name), value)
+
+
 def await_state(bench: Bench, state: State) -> None:
     """Wait until the device is in a state."""
     for _ in range(100):
@@ -153,9 +168,7 @@ def suspended(bench: Bench) -> Iterator[None]:
 def check_refused(bench: Bench, body: Body, reason: Reason) -> None:
     """Send a block that must be refused, and check the reason and the count."""
     before = bench.status()
-    ack = bench.send(body)
-    expect(f"the reason for {body.KIND.name}", ack.reason, reason)
-    expect("the commit period", ack.commit_period, 0)
+    expect_all(bench.send(body), f" for {body.KIND.name}", reason=reason, commit_period=0)
     after = bench.status()
     expect("the count of refused blocks", after.refused - before.refused, 1)
     expect("the last refusal", after.last_refusal, reason)
@@ -181,10 +194,7 @@ def later(bench: Bench) -> int:
 def some(
     bench: Bench, items: Iterable[Item], least: int = FEW, blocks: float = 1, seconds: float = TRIED_SECONDS
 ) -> list[Item]:
-    """All of them, or those for which the line has the time (`Bench.tries`), in their order.
-
-    The first and the last are always among them: items go from one extreme to the other. The rest is drawn.
-    """
+    """All of them, or those for which the line has the time (`Bench.tries`): the first, the last, and some drawn."""
     every = list(items)
     made = bench.tries(len(every), least, blocks, seconds)
     if made == len(every):
@@ -214,8 +224,7 @@ def refuse(bench: Bench, blocks: Sequence[Wrong]) -> None:
         expect(f"state for {what}", ack.state, before.state)
         assert time <= ack.now <= after.now, f"now for {what} is {ack.now}, should be from {time} to {after.now}"
         time = ack.now
-    expect("the count of refused blocks", after.refused, (before.refused + len(blocks)) % 2**32)
-    expect("the last refusal in STATUS", after.last_refusal, blocks[-1].reason)
+    expect_all(after, " in STATUS", refused=(before.refused + len(blocks)) % 2**32, last_refusal=blocks[-1].reason)
     check_same(before, after)
 
 
@@ -243,10 +252,7 @@ def check_sync(bench: Bench) -> None:
 
 
 def let_stores_go(bench: Bench) -> Status:
-    """Wait until stores that wait to go onto the chain no longer count as a full queue (clause BLK-024).
-
-    Nothing else may be queued.
-    """
+    """Wait until stores that wait for the chain no longer count as a full queue (BLK-024), with nothing else queued."""
     for _ in range(100):
         status = bench.status()
         if status.free == bench.info.queue_blocks:
@@ -275,10 +281,7 @@ def late_phase(pulses: Pulses) -> bytes:
 
 
 def raw_records(bench: Bench, blocks: Sequence[bytes], seconds: float = 10.0) -> list[bytes]:
-    """Send blocks, at most as many as the device can hold records; returns the answers, cut at the magic.
-
-    Waits until there is one record for each block.
-    """
+    """Send blocks, at most as many as the device can hold records; returns one answer for each, cut at the magic."""
     bench.note_blocks(blocks)
     found = b""
     data, sent = b"".join(blocks), 0
