@@ -13,21 +13,23 @@ from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import TOLD_PERIODS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.tools.clocks import unless_busy
+from phasewire.hil.conformance.tools.exchange import order
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
     begin,
     cut,
+    enable,
     expect_all,
     far,
     forge,
     later,
     let_stores_go,
     raw_records,
+    store_entry,
 )
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, patience
-from phasewire.hil.conformance.transports.serial import RawSerialLine
 from phasewire.hil.traffic.traffic import Traffic
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -46,7 +48,6 @@ from phasewire.protocol.blocks import (
 )
 from phasewire.protocol.codes import Action, Fault, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.replies import Status
-from phasewire.protocol.requests import Setup
 
 ENDPOINT_OUT, ENDPOINT_IN = 0x01, 0x81
 ACK = struct.Struct("<2sBBIQQBBBBI")
@@ -226,8 +227,7 @@ def test_the_state_is_that_in_which_the_block_was_judged(bench: Bench) -> None:
 def test_the_state_says_what_plays_unattended(bench: Bench) -> None:
     """While an unattended sequence plays, acknowledgements and STATUS report UNATTENDED."""
     begin(bench)
-    bench.must(Slot(0, SILENT))
-    bench.must(Entries((Entry(0, 100),)))
+    store_entry(bench, 100, pulses=SILENT)
     let_stores_go(bench)
     for unattended, state in ((True, State.UNATTENDED), (False, State.PLAYING)):
         bench.wait_until(bench.must(PlaySequence(0, 1, unattended=unattended)).commit_period)
@@ -294,8 +294,7 @@ def leave_unread(bench: Bench, bodies: Sequence[Body]) -> None:
 
 def leave_unread_until_the_watchdog_fires(bench: Bench, bodies: Sequence[Body]) -> None:
     """Send blocks to enabled outputs and read nothing; the watchdog fires after all have been accepted."""
-    bench.order(Request.WATCHDOG, 5000)
-    bench.enable()
+    enable(bench)
     leave_unread(bench, bodies)
     bench.order(Request.WATCHDOG, 100)
     bench.outlast(0.2)
@@ -396,13 +395,11 @@ def test_faults_are_told(bench: Bench) -> None:
     begin(bench)
     bench.must(Update(SILENT))
     bench.levers.cause(HotBoard(board=1, celsius=90))
-    status = bench.await_unasked(1)
-    expect_all(status, state=State.FAULT, faults=Fault.TEMPERATURE)
+    expect_all(bench.await_unasked(1), state=State.FAULT, faults=Fault.TEMPERATURE)
     bench.levers.cause(HotBoard(board=1, celsius=40))
     bench.outlast(0.03)
     bench.order(Request.CLEAR_FAULTS)
-    status = bench.await_unasked(1)
-    expect_all(status, state=State.OFF, faults=Fault(0))
+    expect_all(bench.await_unasked(1), state=State.OFF, faults=Fault(0))
 
 
 @case("ACK-006", "STA-003", "USB-020", needs=(Need.SUSPEND,), allow=(Risk.RESET,), line="usb")
@@ -418,15 +415,13 @@ def test_suspend_and_resume_are_told(bench: Bench) -> None:
 @case("ACK-006", line="usb", features=Feature.SEQUENCES)
 def test_only_the_newest_status_waits(bench: Bench) -> None:
     """Of unsolicited status records that were not read only the newest waits, after the acknowledgements."""
-    bench.must(Slot(0, SILENT))
-    bench.must(Entries((Entry(0, 50),)))
+    store_entry(bench, 50, pulses=SILENT)
     let_stores_go(bench)
     for _ in range(3):  # each leaves a record: OFF, by the watchdog
         bench.order(Request.WATCHDOG, 10)
         bench.enable()
         bench.outlast(0.03)
-    bench.order(Request.WATCHDOG, 5000)
-    bench.enable()
+    enable(bench)
     leave_unread(bench, [NoOp(), PlaySequence(0, 1, repeats=2)])
     bench.outlast(0.03)
     found = bench.listen(0.05)
@@ -464,8 +459,3 @@ def test_what_came_through_another_door_is_told(bench: Bench) -> None:
             expect("the state", Status.decode(record).state, state)
     finally:
         other.enter_console()
-
-
-def order(line: RawSerialLine, request: Request) -> None:
-    """Make a request without an answer on a serial line."""
-    expect(request.name, line.request(Setup(0x41, request, 0, 0, 0)), b"")

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
-from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.capture import Seen
@@ -22,14 +21,15 @@ from phasewire.hil.conformance.tools.planning import (
     check_nothing_is_read_back,
     check_rest,
     some_time,
-    store,
     store_for_plans,
 )
 from phasewire.hil.conformance.tools.player import check_in_time, in_time, is_fast
 from phasewire.hil.conformance.tools.playing import (
     PLAYS,
+    ROUND_SECONDS,
     check_falls_one_by_one,
     check_falls_silent,
+    heat,
     play,
     silent_from,
     start,
@@ -67,8 +67,6 @@ SUSPENDS = (Need.SUSPEND,)
 UNATTENDED = Feature.SEQUENCES | Feature.UNATTENDED
 SLOT = 9
 HOT_PERIODS = 400
-ROUND_SECONDS = 0.012
-"""Time in which the controller asks every processor (clause CHN-017) and gets the answers."""
 SHORT_MS = 10
 
 
@@ -91,8 +89,7 @@ class Ending:
 def let_watchdog_fire(bench: Bench, _: int) -> None:
     """Give no sign of life for the shortest watchdog time."""
     bench.order(Request.WATCHDOG, SHORT_MS)
-    told_state = bench.await_unasked(1).state
-    expect("the state in the record after the watchdog has fired", told_state, State.OFF)
+    expect("the state in the record after the watchdog has fired", bench.await_unasked(1).state, State.OFF)
     bench.order(Request.WATCHDOG, LONG_MS)
 
 
@@ -101,13 +98,6 @@ def suspend(bench: Bench, _: int) -> None:
     bench.levers.suspend()
     bench.wait(0.01)
     bench.levers.resume()
-
-
-def heat(bench: Bench, _: int) -> None:
-    """Overheat a board for a while, until the controller knows."""
-    board = bench.random.randrange(bench.info.boards)
-    bench.levers.cause(HotBoard(board=board, celsius=90, periods=HOT_PERIODS))
-    bench.wait(ROUND_SECONDS)
 
 
 def cool_down(bench: Bench) -> None:
@@ -129,7 +119,7 @@ ENDINGS = {
     "set-configuration": Ending(lambda bench, _: bench.usb.set_configuration()),
     "set-interface": Ending(lambda bench, _: bench.usb.set_interface(0)),
     "suspend": Ending(suspend),
-    "fault": Ending(heat, state=State.FAULT, over=cool_down),
+    "fault": Ending(lambda bench, _: heat(bench, HOT_PERIODS), state=State.FAULT, over=cool_down),
 }
 BY_ANY_HOST = ("disable", "disabling-block", "watchdog")
 BY_USB_HOST = ("set-configuration", "set-interface")
@@ -177,14 +167,6 @@ QUEUED = ("beginnings", "ends")
 """The planned things that are queued; the others play."""
 
 
-def check_stores_are_free(bench: Bench) -> None:
-    """Fail if something that was planned is still in use (clause BLK-022)."""
-    if Feature.SEQUENCES in bench.info.features:
-        store(bench, 5)
-    if Feature.MODULATION in bench.info.features:
-        bench.must(Samples(bytes([SAMPLE]), PLACE))
-
-
 def disable_by(bench: Bench, how: str, plan: str) -> tuple[int, int]:
     """Plan, disable and enable again; returns the period from which all is silent, and that by which all was due."""
     ending = ENDINGS[how]
@@ -206,7 +188,7 @@ def disable_by(bench: Bench, how: str, plan: str) -> tuple[int, int]:
         bench.wait_periods(SILENT_PERIODS)
         check_rest(bench.status(), bench, State.OFF, "before ENABLE")
         check_nothing_is_read_back(bench, "before ENABLE")
-        check_stores_are_free(bench)
+        store_for_plans(bench)  # nothing that was planned is still in use (clause BLK-022)
         told(bench)
         bench.enable()
     return since, due
@@ -402,16 +384,11 @@ STORED_AT_ONCE = 14
 
 def stores(bench: Bench) -> list[Body]:
     """The largest stores, enough of them to keep the chain busy."""
+    places = [number % 8 for number in range(STORED_AT_ONCE)]
     if Feature.SEQUENCES in bench.info.features:
-        return [
-            Entries((Entry(SLOT, 1),) * ENTRIES_PER_BLOCK, ENTRIES_PER_BLOCK * (number % 8))
-            for number in range(STORED_AT_ONCE)
-        ]
+        return [Entries((Entry(SLOT, 1),) * ENTRIES_PER_BLOCK, ENTRIES_PER_BLOCK * place) for place in places]
     require(bench, Feature.MODULATION)
-    return [
-        Samples(bytes([SAMPLE]) * SAMPLES_PER_BLOCK, SAMPLES_PER_BLOCK * (number % 8))
-        for number in range(STORED_AT_ONCE)
-    ]
+    return [Samples(bytes([SAMPLE]) * SAMPLES_PER_BLOCK, SAMPLES_PER_BLOCK * place) for place in places]
 
 
 AT_ONCE = {how: ENDINGS[how].happens for how in ("disable", *BY_USB_HOST)}
@@ -461,7 +438,7 @@ def test_a_fault_silences_all_boards_whatever_plays(bench: Bench, what: str) -> 
     enable(bench)
     field = start(bench, what)
     at = bench.period()
-    heat(bench, 0)
+    heat(bench, HOT_PERIODS)
     learned = bench.await_unasked(1)
     expect("the state in the record", learned.state, State.FAULT)
     latest = learned.now // TICKS_PER_PERIOD + SILENT_PERIODS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum, IntFlag
 from typing import TypeVar
 
@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Need, NotApplicable, Risk, TooSlow, case, expect
+from phasewire.hil.conformance.cases import Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, expected_words, only
+from phasewire.hil.conformance.tools.exchange import same_but
 from phasewire.hil.conformance.tools.filling import fill_queue
 from phasewire.hil.conformance.tools.frames import frame, request_frame
-from phasewire.hil.conformance.tools.steps import expect_all
+from phasewire.hil.conformance.tools.steps import LONG_MS, enable, expect_all, require
 from phasewire.hil.conformance.transports.serial import RawSerialLine
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -39,7 +40,6 @@ LENGTH, CHARACTER, COMMAND, ARGUMENTS, RANGE, REFUSED = range(1, 7)
 """Codes of errors (clause CON-006)."""
 MOST_CHARACTERS = 80
 TEST_WIDTH_TICKS = 2
-LONG_WATCHDOG_MS = 60_000
 TYPED_WATCHDOG_MS = 400
 LEAVE_SECONDS = 0.3
 """After a device has said that it restarts, it answers no more."""
@@ -147,14 +147,6 @@ def status_of(bench: Bench, console: RawSerialLine) -> Status:
     return by_request(bench, console, bench.status)
 
 
-def same_but(before: Status, after: Status, **changes: int) -> None:
-    """Fail if something has changed that need not; time and temperature may."""
-    wanted = asdict(replace(before, now=after.now, temperature_c=after.temperature_c))
-    wanted |= {name: wanted[name] + change for name, change in changes.items()}
-    for name, value in asdict(after).items():
-        expect(f"{name} of STATUS", value, wanted[name])
-
-
 # Contents of an answer
 
 
@@ -260,8 +252,7 @@ def test_pulses_tells_what_a_transducer_plays(bench: Bench, console: RawSerialLi
     pulses = bench.weak()
 
     def play() -> None:
-        bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-        bench.enable()
+        enable(bench)
         bench.wait_until(bench.must(Update(pulses)).commit_period + 1)
 
     by_request(bench, console, play)
@@ -323,7 +314,7 @@ def test_commands_do_what_requests_do(bench: Bench, console: RawSerialLine) -> N
 @case("CON-004/1", "CON-006", "REQ-010")
 def test_what_a_request_would_stall_is_refused(bench: Bench, console: RawSerialLine) -> None:
     """If a request would stall, its command is REFUSED and has no effect, such as `limit` while enabled."""
-    told(console, f"watchdog {LONG_WATCHDOG_MS}")
+    told(console, f"watchdog {LONG_MS}")
     told(console, "enable")
     before = status_of(bench, console)
     for transducers in (0, 5, CHANNELS):
@@ -338,28 +329,21 @@ def test_what_a_request_would_stall_is_refused(bench: Bench, console: RawSerialL
         refused(console, "pulses 0", REFUSED)
 
 
-def to_ready(bench: Bench) -> None:
-    """Enable the outputs, with time to type."""
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
-
-
 def to_playing(bench: Bench) -> None:
     """Play an update."""
-    to_ready(bench)
+    enable(bench)
     bench.wait_until(bench.must(Update(bench.weak())).commit_period + 1)
 
 
 def to_unattended(bench: Bench) -> None:
     """Play an unattended sequence."""
-    if not {Feature.SEQUENCES, Feature.UNATTENDED} <= set(bench.info.features):
-        raise NotApplicable("INFO does not name the features SEQUENCES and UNATTENDED")
-    to_ready(bench)
+    require(bench, Feature.SEQUENCES | Feature.UNATTENDED)
     play_sequence(bench, unattended=True)
 
 
 def play_sequence(bench: Bench, unattended: bool = False) -> None:
-    """Play an endless sequence."""
+    """Enable the outputs, and play an endless sequence."""
+    enable(bench)
     bench.must(Slot(3, bench.weak()))
     bench.must(Entries((Entry(3, 50),), 0))
     bench.wait_until(bench.must(PlaySequence(0, 1, unattended=unattended)).commit_period + 1)
@@ -367,7 +351,7 @@ def play_sequence(bench: Bench, unattended: bool = False) -> None:
 
 WAYS: dict[str, tuple[State, Callable[[Bench], None]]] = {
     "off": (State.OFF, lambda _: None),
-    "ready": (State.READY, to_ready),
+    "ready": (State.READY, enable),
     "playing": (State.PLAYING, to_playing),
     "unattended": (State.UNATTENDED, to_unattended),
 }
@@ -388,22 +372,8 @@ def test_stop_works_in_every_state(bench: Bench, console: RawSerialLine, state: 
 
 SIGNS = ("status", "faults", "enable", "test 7")
 NO_SIGNS = (
-    "version",
-    "info",
-    "clock",
-    "boards",
-    "pulses 7",
-    "identify 0",
-    "watchdog 400",
-    "limit 5",
-    "clear",
-    "help",
-    "frames",
-    "echo 0",
-    "foo",
-    "enable 1",
-    f"test {CHANNELS}",
-    "",
+    *("version", "info", "clock", "boards", "pulses 7", "identify 0", "watchdog 400", "limit 5", "clear"),
+    *("help", "frames", "echo 0", "foo", "enable 1", f"test {CHANNELS}", ""),
 )
 
 
@@ -527,7 +497,7 @@ def test_a_line_that_is_wrong_is_refused(bench: Bench, console: RawSerialLine, w
 @case("CON-006")
 def test_range_comes_before_refusal(console: RawSerialLine) -> None:
     """Arguments and their range are checked before the request: the first failure gives the code."""
-    told(console, f"watchdog {LONG_WATCHDOG_MS}")
+    told(console, f"watchdog {LONG_MS}")
     told(console, "enable")
     for line, code in (("limit", ARGUMENTS), ("limit x", ARGUMENTS), ("limit 321", RANGE), ("limit 5", REFUSED)):
         refused(console, line, code)
@@ -710,7 +680,7 @@ def test_one_transducer_plays_alone(bench: Bench, console: RawSerialLine, transd
 @pytest.mark.parametrize("transducer", [0, 45, CHANNELS - 1])
 def test_the_outputs_play_one_transducer(bench: Bench, console: RawSerialLine, transducer: int) -> None:
     """`test N` gives one pulse of two ticks around the beginning of the period, at the output of transducer N."""
-    by_request(bench, console, lambda: to_ready(bench))
+    by_request(bench, console, lambda: enable(bench))
     told(console, f"test {transducer}")
     wait_typing(bench, console, 0.01)
     since = status_of(bench, console).since_period
@@ -734,7 +704,7 @@ def test_a_test_is_refused_as_an_update_is(bench: Bench, console: RawSerialLine)
     assert re.match(r"DISABLED\b", text), f"the refusal before enable should begin with DISABLED, not be {text!r}"
     after = status_of(bench, console)
     same_but(before, after, refused=1, last_refusal=Reason.DISABLED - before.last_refusal)
-    told(console, f"watchdog {LONG_WATCHDOG_MS}")
+    told(console, f"watchdog {LONG_MS}")
     told(console, "limit 0")
     told(console, "enable")
     before = status_of(bench, console)
@@ -753,7 +723,7 @@ def test_a_test_has_no_number(bench: Bench, console: RawSerialLine) -> None:
     numbers = []
 
     def begin() -> None:
-        to_ready(bench)
+        enable(bench)
         numbers.append(bench.must(NoOp()).sequence)
 
     by_request(bench, console, begin)
@@ -774,12 +744,7 @@ def test_a_test_has_no_number(bench: Bench, console: RawSerialLine) -> None:
 @case("CON-008", "BLK-012", features=Feature.SEQUENCES)
 def test_a_test_ends_a_sequence(bench: Bench, console: RawSerialLine) -> None:
     """`test N` ends a sequence, as an update does, and needs no other command first."""
-
-    def begin() -> None:
-        to_ready(bench)
-        play_sequence(bench)
-
-    by_request(bench, console, begin)
+    by_request(bench, console, lambda: play_sequence(bench))
     expect("the flags before", told(console, "status")["flags"], "SEQUENCE")
     told(console, "test 17")
     wait_typing(bench, console, 0.01)
@@ -793,7 +758,7 @@ def test_a_test_leaves_the_modulation(bench: Bench, console: RawSerialLine) -> N
     """`test N` does not change a modulation, as an update does not."""
 
     def begin() -> None:
-        to_ready(bench)
+        enable(bench)
         bench.must(Samples(bytes([255, 128]), 0))
         bench.wait_until(bench.must(AmplitudeModulation(0, 2, 100)).commit_period + 1)
 
@@ -897,7 +862,7 @@ def test_dfu_leads_to_dfu_mode(bench: Bench, console: RawSerialLine) -> None:
     if Feature.DFU not in bench.info.features:
         refused(console, "dfu", REFUSED)
         return
-    told(console, f"watchdog {LONG_WATCHDOG_MS}")
+    told(console, f"watchdog {LONG_MS}")
     told(console, "enable")
     told(console, "test 3")
     told(console, "dfu")

@@ -39,16 +39,8 @@ from phasewire.protocol.codes import (
 )
 from phasewire.protocol.replies import Status
 
-PLACES = [
-    (0, 1),
-    (MODULATION_SAMPLES - 1, 1),
-    (MODULATION_SAMPLES - SAMPLES_PER_BLOCK, SAMPLES_PER_BLOCK),
-    (MODULATION_SAMPLES - 49, 49),
-    (SAMPLES_PER_BLOCK - 1, 3),
-    (47, 2),
-    (48, 50),
-]
-"""Of the first sample that modulates, and how many there are."""
+PLACES = [(0, 1), (4095, 1), (3616, 480), (4047, 49), (479, 3), (47, 2), (48, 50)]
+"""Of the first of 4096 samples that modulates, and how many there are; the edge of a block, and the end."""
 SETTLED_PERIODS = 400
 """Time for all stores to go onto the chain, and for all due changes to take effect."""
 
@@ -82,8 +74,7 @@ def test_a_modulation_loops_without_a_gap(bench: Bench, player: Player, count: i
     first = bench.random.randrange(MODULATION_SAMPLES - count)
     store(player, noise(bench, count), first)
     player.send(Update(bench.weak()))
-    begin = player.soon()
-    player.send(AmplitudeModulation(first, count, hold, begin))
+    begin = player.begin(AmplitudeModulation(first, count, hold))
     player.judge(begin - 5, begin + 3 * count * hold + 7)
 
 
@@ -92,8 +83,7 @@ def test_the_whole_buffer_modulates(bench: Bench, player: Player) -> None:
     """A modulation by all 4096 samples plays each in its period, and then the first again."""
     store(player, noise(bench, MODULATION_SAMPLES))
     player.send(Update(bench.weak()))
-    begin = player.soon()
-    player.send(AmplitudeModulation(0, MODULATION_SAMPLES, 1, begin))
+    begin = player.begin(AmplitudeModulation(0, MODULATION_SAMPLES, 1))
     player.judge(begin - 2, begin + MODULATION_SAMPLES + 100)
 
 
@@ -104,8 +94,7 @@ def test_a_modulation_plays_its_part_of_the_buffer(bench: Bench, player: Player,
     store(player, bytes([180 + sample % 76 for sample in noise(bench, count)]), first)
     player.send_all(Samples(bytes(1), place) for place in (first - 1, first + count) if 0 <= place < MODULATION_SAMPLES)
     player.send(Update(bench.weak()))
-    begin = player.soon()
-    player.send(AmplitudeModulation(first, count, 1, begin))
+    begin = player.begin(AmplitudeModulation(first, count, 1))
     player.judge(begin - 2, begin + 2 * count + 5)
 
 
@@ -116,8 +105,7 @@ def test_what_is_stored_last_modulates(bench: Bench, player: Player) -> None:
     store(player, noise(bench, 3), 1047)
     store(player, noise(bench, 60), 1090)
     player.send(Update(bench.weak()))
-    begin = player.soon()
-    player.send(AmplitudeModulation(1000, 200, 1, begin))
+    begin = player.begin(AmplitudeModulation(1000, 200, 1))
     player.judge(begin - 2, begin + 205)
 
 
@@ -126,8 +114,7 @@ def test_a_sample_holds_for_65535_periods(bench: Bench, player: Player) -> None:
     """The longest hold, 1.6 s, ends exactly after its last period."""
     store(player, bytes([70, 230]), 2048)
     player.send(Update(bench.weak()))
-    begin = player.soon()
-    player.send(AmplitudeModulation(2048, 2, 65_535, begin))
+    begin = player.begin(AmplitudeModulation(2048, 2, 65_535))
     for place in (0, 127, 255, 300, 32_767, 65_535):
         player.judge(begin + place - 5, begin + place + 20)
 
@@ -137,8 +124,7 @@ def test_sample_0_silences_and_sample_255_changes_nothing(bench: Bench, player: 
     """Under sample 0 all outputs are low; under 255 they are as without modulation, at full width and at one tick."""
     store(player, bytes([0, 255]))
     player.send(Update(bench.weak()))
-    begin = player.soon(3)
-    player.send(AmplitudeModulation(0, 2, 4, begin))
+    begin = player.begin(AmplitudeModulation(0, 2, 4), 3)
     player.send(Update(only(17, 31, 25), begin + 16))
     player.send(Update(only(300, 98, 1), begin + 32))
     player.judge(begin - 2, begin + 48)
@@ -188,8 +174,7 @@ def test_a_modulation_over_silence_waits_for_what_plays(bench: Bench, player: Pl
     check_not_yet(bench, follows * TICKS_PER_PERIOD, status.now)
     expect("state, flags and since_period", told(status), (State.READY, StatusFlag.MODULATION, 0))
     bench.wait_until(follows + 1)
-    status = bench.status()
-    expect("state, flags and since_period", told(status), (State.PLAYING, StatusFlag.MODULATION, follows))
+    expect("state, flags and since_period", told(bench.status()), (State.PLAYING, StatusFlag.MODULATION, follows))
     player.judge(begin - 3, follows + 20)
 
 
@@ -283,8 +268,7 @@ def test_the_end_of_a_modulation_leaves_what_plays(bench: Bench, player: Player,
 
 def silenced(player: Player) -> None:
     """Let SILENCE end everything."""
-    ack = player.send(Output(Action.SILENCE))
-    player.bench.wait_until(ack.commit_period + 1)
+    player.bench.wait_until(player.send(Output(Action.SILENCE)).commit_period + 1)
 
 
 def disabled_by_output(player: Player) -> None:
@@ -365,12 +349,7 @@ def test_what_modulates_is_not_overwritten(bench: Bench, player: Player) -> None
     player.send(Update(bench.weak()))
     begin = player.soon(8) + SETTLED_PERIODS
     player.send(AmplitudeModulation(500, 10, 2, begin))
-    over = [
-        Samples(samples[:1], 500),
-        Samples(bytes(1), 509),
-        Samples(bytes(2), 499),
-        Samples(bytes(SAMPLES_PER_BLOCK), 509),
-    ]
+    over = [Samples(samples[:1], 500), *(Samples(bytes(n), at) for n, at in ((1, 509), (2, 499), (480, 509)))]
     for body in over:
         check_refused(bench, body, Reason.IN_USE)
     bench.wait_until(begin + 2)
@@ -383,15 +362,13 @@ def test_what_modulates_is_not_overwritten(bench: Bench, player: Player) -> None
 
 def ended(player: Player) -> None:
     """Let END_MODULATION end a modulation."""
-    ack = player.send(Output(Action.END_MODULATION))
-    player.bench.wait_until(ack.commit_period)
+    player.bench.wait_until(player.send(Output(Action.END_MODULATION)).commit_period)
 
 
 def replaced(player: Player) -> None:
     """Let another modulation end a modulation."""
     store(player, bytes(1), 4000)
-    ack = player.send(AmplitudeModulation(4000, 1, 1))
-    player.bench.wait_until(ack.commit_period)
+    player.bench.wait_until(player.send(AmplitudeModulation(4000, 1, 1)).commit_period)
 
 
 @case("BLK-022", features=MODULATION)

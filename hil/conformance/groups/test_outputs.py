@@ -14,6 +14,7 @@ from phasewire.hil.conformance.tools.steps import (
     Wrong,
     begin,
     check_same,
+    enable,
     expect_all,
     far,
     features_of,
@@ -161,15 +162,8 @@ def test_what_is_behind_a_disable_is_dropped(bench: Bench) -> None:
             assert ack.commit_period > named, f"commit_period is {ack.commit_period}, should be after {named}"
             expect("flags", ack.flags, AckFlag(0))
     bench.wait_until(named + 1)
-    after = bench.status()
-    check_same(
-        before,
-        after,
-        state=State.OFF,
-        since_period=0,
-        accepted=(before.accepted + 3) % 2**32,
-        free=bench.info.queue_blocks,
-    )
+    moved = {"state": State.OFF, "since_period": 0, "accepted": (before.accepted + 3) % 2**32}
+    check_same(before, bench.status(), **moved, free=bench.info.queue_blocks)
     bench.enable()
     steps = [(began, expected_words(pulses, bench.wiring)), (named, SILENCE)]
     bench.judge(began, named + 200, lambda seen: check_play(seen, steps))
@@ -248,8 +242,7 @@ def test_changes_are_refused_until_enable(bench: Bench) -> None:
     """Before ENABLE changes are refused with DISABLED, and stores, CLOCK and NO_OP accepted; afterwards all are."""
     bench.must(NoOp())
     check_off(bench)
-    bench.order(Request.WATCHDOG, 5000)
-    bench.enable()
+    enable(bench)
     for name in CHANGES:
         bench.must(BODIES[name])
 
@@ -269,6 +262,5 @@ def test_changes_are_refused_after_disable(bench: Bench, how: str) -> None:
         bench.await_unasked(1)
     bench.wait_periods(6)
     check_off(bench)
-    bench.order(Request.WATCHDOG, 5000)
-    bench.enable()
+    enable(bench)
     bench.must(Update(SILENT))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from operator import attrgetter
 
 import pytest
 from phasewire.base.errors import DeviceError
@@ -14,7 +13,7 @@ from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expe
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.playing import CLOCK_ERROR, judge_silence_since
-from phasewire.hil.conformance.tools.steps import LONG_MS, check_sync, enable, expect_all, suspended
+from phasewire.hil.conformance.tools.steps import LONG_MS, check_sync, enable, expect_all, known, suspended
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Entries,
@@ -45,16 +44,7 @@ LINE_CODING = bytes([0x80, 0x25, 0, 0, 2, 1, 7])
 LINE_CODING_AT_FIRST = bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8])
 COUNTERS = ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages")
 
-
-NAME = attrgetter("name")
-
-
 # Restarts
-
-
-def reset(bench: Bench) -> None:
-    """The request RESET."""
-    bench.restart(lambda: bench.order(Request.RESET))
 
 
 def cut_power(bench: Bench) -> None:
@@ -65,16 +55,15 @@ def cut_power(bench: Bench) -> None:
 
 
 Restart = Callable[[Bench], None]
-either_restart = pytest.mark.parametrize("restart", [reset, cut_power], ids=["reset", "power"])
+either_restart = pytest.mark.parametrize(
+    "restart", [lambda bench: bench.restart(lambda: bench.order(Request.RESET)), cut_power], ids=["reset", "power"]
+)
 
 
 def store_everything(bench: Bench) -> None:
     """An entry of slot 3 at place 7, and two samples at place 9, if the device keeps them."""
-    if Feature.SEQUENCES in bench.info.features:
-        bench.must(Slot(3, bench.weak(0.5)))
-        bench.must(Entries((Entry(3, 40),), 7))
-    if Feature.MODULATION in bench.info.features:
-        bench.must(Samples(bytes([255, 128]), 9))
+    for body in known(bench, Slot(3, bench.weak(0.5)), Entries((Entry(3, 40),), 7), Samples(bytes([255, 128]), 9)):
+        bench.must(body)
 
 
 def play(bench: Bench) -> Ack:
@@ -95,9 +84,8 @@ def test_everything_begins_anew_with_a_restart(bench: Bench, restart: Restart) -
     bench.send_raw(forged(pack(bench.numbered(NoOp())), checksum=0))
     bench.order(Request.LIMIT, bench.drive_limit - 1)
     play(bench)
-    if Feature.MODULATION in bench.info.features:
-        bench.must(Samples(bytes([255])))
-        bench.must(AmplitudeModulation(0, 1, 1))
+    for body in known(bench, Samples(bytes([255])), AmplitudeModulation(0, 1, 1)):
+        bench.must(body)
     began = bench.line.time.monotonic()
     restart(bench)
     status = bench.status()
@@ -222,20 +210,18 @@ def test_reset_leaves_the_bus(bench: Bench) -> None:
 
 @case("REQ-001", "REQ-013", allow=(Risk.RESET,))
 @pytest.mark.parametrize(
-    ("setup", "data"),
+    "setup",
     [
-        (Setup(0x41, Request.RESET, 1, 0, 0), b""),
-        (Setup(0x41, Request.RESET, 0, 1, 0), b""),
-        (Setup(0x41, Request.RESET, 0, 0, 1), b"\0"),
-        (Setup(0xC1, Request.RESET, 0, 0, 1), b""),
+        Setup(kind, Request.RESET, *rest)
+        for kind, *rest in ((0x41, 1, 0, 0), (0x41, 0, 1, 0), (0x41, 0, 0, 1), (0xC1, 0, 0, 1))
     ],
     ids=["value", "index", "data", "in"],
 )
-def test_what_is_no_reset_restarts_nothing(bench: Bench, setup: Setup, data: bytes) -> None:
+def test_what_is_no_reset_restarts_nothing(bench: Bench, setup: Setup) -> None:
     """RESET with a wrong value, index or direction, or with data, is answered with STALL and restarts nothing."""
     bench.must(NoOp())
     before = bench.status()
-    answer = bench.request(setup, data)
+    answer = bench.request(setup, b"" if setup.is_in else bytes(setup.length))
     assert answer is None, f"{setup} is answered with {answer!r}, should be with STALL"
     bench.wait(0.05)
     after = bench.status()

@@ -26,6 +26,7 @@ from phasewire.protocol.codes import (
     State,
 )
 from phasewire.protocol.framing import DELIMITER, SerialFrame, encode
+from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import ANSWER_BYTES, Ack, Status, records
 from phasewire.protocol.requests import Setup
 
@@ -73,10 +74,10 @@ def check_sound(bench: Bench, before: Status, accepted: int, refused: int) -> No
             expect(f"the status of endpoint {endpoint:02X}", bench.request(Setup(0x82, 0, 0, endpoint, 2)), bytes(2))
 
 
-def play(bench: Bench) -> Ack:
+def play(bench: Bench, pulses: Pulses | None = None) -> Ack:
     """An update that plays, with a watchdog time longer than any case."""
     enable(bench)
-    ack = bench.must(Update(bench.weak()))
+    ack = bench.must(Update(pulses or bench.weak()))
     bench.wait_until(ack.commit_period)
     return ack
 
@@ -108,9 +109,8 @@ def noise(bench: Bench) -> tuple[bytes, Reason]:
 
 def uniform(bench: Bench) -> tuple[bytes, Reason]:
     """One repeated byte, as from memory that was never written, or from a line that is stuck."""
-    return bytes(
-        [bench.random.choice([0x00, 0xFF, 0x55, 0xAA, bench.random.randrange(256)])] * BLOCK_BYTES
-    ), Reason.CHECKSUM
+    byte = bench.random.choice([0x00, 0xFF, 0x55, 0xAA, bench.random.randrange(256)])
+    return bytes([byte] * BLOCK_BYTES), Reason.CHECKSUM
 
 
 def flipped(bench: Bench) -> tuple[bytes, Reason]:
@@ -248,9 +248,7 @@ def test_nonsense_moves_no_output(bench: Bench) -> None:
 def test_what_plays_goes_on_through_nonsense(bench: Bench) -> None:
     """What plays goes on tick by tick through nonsense of every kind: one flipped bit must not be heard."""
     pulses = bench.weak()
-    enable(bench)
-    ack = bench.must(Update(pulses))
-    bench.wait_until(ack.commit_period)
+    ack = play(bench, pulses)
     for _ in range(at_most(bench, 3)):
         check_batch(bench, ["noise", "flipped-bits", "wrong-fields"], at_most(bench, 30))
     expect("what plays since", bench.status().since_period, ack.commit_period)
@@ -295,7 +293,8 @@ def random_setups(bench: Bench) -> Iterator[tuple[Setup, bytes]]:
         setup = Setup(
             kind | recipient, request, value, index, rng.choice([1, 64, BLOCK_BYTES]) if kind & IN else len(data)
         )
-        if is_unknown(setup) and (bench.allowed >= LASTS or not might_last(setup)):
+        lasts = setup.request in LASTING.get(kind & 0x60, ())
+        if is_unknown(setup) and (bench.allowed >= LASTS or not lasts):
             yield setup, data
 
 
@@ -311,11 +310,6 @@ def is_unknown(setup: Setup) -> bool:
     if kind == CLASS and recipient == 1:
         return setup.index in (0, 2) or (setup.request not in range(7) and setup.request not in range(0x20, 0x23))
     return True
-
-
-def might_last(setup: Setup) -> bool:
-    """Whether a device that checks this request too little restarts, or changes its firmware."""
-    return setup.request in LASTING.get(setup.request_type & 0x60, ())
 
 
 @case("USB-004", "REQ-001", "USB-014", line="usb")
@@ -414,8 +408,7 @@ def test_the_device_survives_noise_on_the_console(bench: Bench) -> None:
             line.write(chatter(bench, bench.random.randint(1, 200)))
             line.read(0.01)
         line.enter_frames()
-        answer = line.request(Setup(0xC1, Request.INFO, 0, 0, 64))
-        expect("INFO by the line", answer, bench.info.encode())
+        expect("INFO by the line", line.request(Setup(0xC1, Request.INFO, 0, 0, 64)), bench.info.encode())
         bench.must(NoOp())
     check_sound(bench, before, rounds, 0)
     expect("what plays since", bench.status().since_period, played.commit_period)
@@ -470,13 +463,9 @@ def damaged(bench: Bench) -> bytes:
     """A valid frame without its zero, with a defect that its checksum detects."""
     rng = bench.random
     setup = Setup(0x41, Request.ENABLE, 0, 0, 0)
-    frame = rng.choice(
-        [
-            SerialFrame(FrameKind.REQUEST, bytes([7]) + setup.encode()),
-            SerialFrame(FrameKind.BLOCK, pack(Block(NoOp(), rng.randrange(2**32), restart=True))),
-        ]
-    )
-    data = bytearray(encode(frame)[:-1])
+    block = pack(Block(NoOp(), rng.randrange(2**32), restart=True))
+    frames = [SerialFrame(FrameKind.REQUEST, bytes([7]) + setup.encode()), SerialFrame(FrameKind.BLOCK, block)]
+    data = bytearray(encode(rng.choice(frames))[:-1])
     at = rng.randrange(len(data))
     match rng.randrange(3):
         case 0:

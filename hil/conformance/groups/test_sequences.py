@@ -60,8 +60,7 @@ def test_a_sequence_loops_without_a_gap(bench: Bench, player: Player, periods: l
     slots = bench.random.sample(range(SLOTS), min(len(periods), 8))
     first = bench.random.randrange(SEQUENCE_ENTRIES - len(periods))
     store(player, [Entry(slots[place % len(slots)], each) for place, each in enumerate(periods)], first)
-    begin = player.soon()
-    player.send(PlaySequence(first, len(periods), begin))
+    begin = player.begin(PlaySequence(first, len(periods)))
     player.judge(begin - 5, begin + 4 * sum(periods) + 7)
 
 
@@ -70,8 +69,7 @@ def test_the_whole_table_plays(bench: Bench, player: Player) -> None:
     """A sequence of all 1024 entries, of one to three periods each, plays each of them, and then the first again."""
     slots = bench.random.sample(range(SLOTS), 6)
     store(player, [Entry(bench.random.choice(slots), bench.random.randrange(1, 4)) for _ in range(SEQUENCE_ENTRIES)])
-    begin = player.soon()
-    player.send(PlaySequence(0, SEQUENCE_ENTRIES, begin))
+    begin = player.begin(PlaySequence(0, SEQUENCE_ENTRIES))
     player.judge(begin - 1, begin + 3 * SEQUENCE_ENTRIES + 50)
 
 
@@ -83,8 +81,7 @@ def test_a_sequence_plays_its_part_of_the_table(bench: Bench, player: Player, fi
     player.send(Slot(12, bench.weak()))
     beside = [place for place in (first - 1, first + count) if 0 <= place < SEQUENCE_ENTRIES]
     player.send_all(Entries((Entry(12, 2),), place) for place in beside)
-    begin = player.soon()
-    player.send(PlaySequence(first, count, begin))
+    begin = player.begin(PlaySequence(first, count))
     player.judge(begin - 2, begin + 7 * count)
 
 
@@ -99,8 +96,7 @@ def test_slots_of_every_number_are_kept_apart(bench: Bench, player: Player) -> N
     entries = [Entry(number, 1) for number in bench.random.sample(numbers, len(numbers))]
     for at in range(0, len(entries), ENTRIES_PER_BLOCK):
         player.send(Entries(tuple(entries[at : at + ENTRIES_PER_BLOCK]), at))
-    begin = player.soon()
-    player.send(PlaySequence(0, len(entries), begin))
+    begin = player.begin(PlaySequence(0, len(entries)))
     player.judge(begin - 2, begin + len(entries) + 10)
 
 
@@ -109,8 +105,7 @@ def test_what_is_stored_last_plays(bench: Bench, player: Player) -> None:
     """Entries and slots stored over others replace them, and do not change their neighbours."""
     store(player, [Entry(slot, 1 + slot) for slot in (1, 2, 3, 4, 5, 6)], 30)
     player.send_all([Entries((Entry(6, 3), Entry(1, 1)), 32), Slot(2, bench.weak()), Entries((Entry(3, 1),), 32)])
-    begin = player.soon()
-    player.send(PlaySequence(30, 6, begin))
+    begin = player.begin(PlaySequence(30, 6))
     player.judge(begin - 2, begin + 40)
 
 
@@ -118,8 +113,7 @@ def test_what_is_stored_last_plays(bench: Bench, player: Player) -> None:
 def test_an_entry_of_65535_periods_ends_in_time(player: Player) -> None:
     """The longest entry, 1.6 s, ends exactly after its last period."""
     store(player, [Entry(3, 65_535), Entry(4, 2)], 512)
-    begin = player.soon()
-    player.send(PlaySequence(512, 2, begin))
+    begin = player.begin(PlaySequence(512, 2))
     for place in (0, 127, 255, 300, 32_767, 65_535):
         player.judge(begin + place - 5, begin + place + 20)
 
@@ -164,17 +158,12 @@ def test_repeats_are_exact_and_then_there_is_silence(bench: Bench, player: Playe
 def test_a_sequence_is_told_in_the_status(bench: Bench, player: Player, unattended: bool) -> None:
     """While a sequence plays the status has its flag, the period of its start, and PLAYING or UNATTENDED."""
     store(player, [Entry(50, 1), Entry(51, 1)], 0)
-    before = bench.status()
-    expect("the state before", (before.state, before.since_period), (State.READY, 0))
+    expect_all(bench.status(), " before", state=State.READY, since_period=0)
     ack = player.send(PlaySequence(0, 2, unattended=unattended and bool(bench.info.features & Feature.UNATTENDED)))
     bench.wait_until(ack.commit_period + 1)
     status = bench.status()
     playing = State.UNATTENDED if unattended and bench.info.features & Feature.UNATTENDED else State.PLAYING
-    expect(
-        "state, since_period and flags",
-        (status.state, status.since_period, status.flags),
-        (playing, ack.commit_period, StatusFlag.SEQUENCE),
-    )
+    expect_all(status, state=playing, since_period=ack.commit_period, flags=StatusFlag.SEQUENCE)
 
 
 ENDS: dict[str, Change] = {
@@ -320,13 +309,9 @@ def test_what_a_sequence_plays_is_not_overwritten(bench: Bench, player: Player) 
     ack = player.send(PlaySequence(200, 3))
     bench.wait_until(ack.commit_period + 5)
     before = bench.period()
-    check_refused(bench, same, Reason.IN_USE)
-    check_refused(bench, Slot(70, bench.weak()), Reason.IN_USE)
-    check_refused(bench, Slot(72, bench.weak()), Reason.IN_USE)
-    check_refused(bench, Entries((Entry(71, 1),), 201), Reason.IN_USE)
-    check_refused(bench, Entries((Entry(73, 1),) * 2, 199), Reason.IN_USE)
-    check_refused(bench, Entries((Entry(73, 1),) * 2, 202), Reason.IN_USE)
-    check_refused(bench, Entries((Entry(73, 1),) * 120, 150), Reason.IN_USE)
+    entries = [Entries((Entry(73, 1),) * count, first) for count, first in ((2, 199), (2, 202), (120, 150))]
+    for body in (same, Slot(70, bench.weak()), Slot(72, bench.weak()), Entries((Entry(71, 1),), 201), *entries):
+        check_refused(bench, body, Reason.IN_USE)
     bench.wait_periods(SETTLED_PERIODS)
     after = bench.period()
     player.judge(after - min(after - before, 2000), after)
@@ -341,13 +326,9 @@ def test_what_will_play_is_not_overwritten(bench: Bench, player: Player) -> None
     period = player.soon(6) + SETTLED_PERIODS
     player.send(PlaySequence(20, 2, period))
     with in_time(bench, period):
-        for body in (
-            Slot(3, bench.weak()),
-            Entries((Entry(5, 1),), 21),
-            Slot(1, bench.weak()),
-            Entries((Entry(5, 1),), 10),
-        ):
-            check_refused(bench, body, Reason.IN_USE)
+        for slot, place in ((3, 21), (1, 10)):
+            check_refused(bench, Slot(slot, bench.weak()), Reason.IN_USE)
+            check_refused(bench, Entries((Entry(5, 1),), place), Reason.IN_USE)
     player.judge(period - 20, period + 20)
 
 

@@ -635,25 +635,21 @@ def test_frames_need_no_dtr_and_text_does(bench: Bench, frames: RawSerialLine) -
 @case("SER-010", "USB-026", line="usb")
 def test_set_configuration_leads_to_the_console(bench: Bench, frames: RawSerialLine) -> None:
     """SET_CONFIGURATION resets the line to a console: DTR low, echo on, a partial frame counted."""
-    before = bench.status()
-    frames.write(request_frame(1, ENABLE)[:9])
-    bench.usb.set_configuration()
-    frames.assume_console()
-    check_at_first(bench, frames, before)
+    check_at_first(bench, frames, bench.usb.set_configuration)
 
 
 @case("SER-010", "USB-026", allow=(Risk.RESET,), line="usb")
 def test_a_bus_reset_leads_to_the_console(bench: Bench, frames: RawSerialLine) -> None:
     """A bus reset resets the line to a console: DTR low, echo on, a partial frame counted."""
+    check_at_first(bench, frames, bench.usb.reset)
+
+
+def check_at_first(bench: Bench, line: RawSerialLine, reset: Callable[[], None]) -> None:
+    """Fail unless something that comes within a frame gives the line on USB its initial state (clause USB-026)."""
     before = bench.status()
-    frames.write(request_frame(1, ENABLE)[:9])
-    bench.usb.reset()
-    frames.assume_console()
-    check_at_first(bench, frames, before)
-
-
-def check_at_first(bench: Bench, line: RawSerialLine, before: Status) -> None:
-    """Fail unless the line on USB has its initial state (clause USB-026)."""
+    line.write(request_frame(1, ENABLE)[:9])
+    reset()
+    line.assume_console()
     same_but(before, bench.status(), dropped_frames=1)
     line.write(b"\r")
     expect("what comes while DTR is low", line.rest(), b"")
@@ -661,8 +657,7 @@ def check_at_first(bench: Bench, line: RawSerialLine, before: Status) -> None:
     bench.wait(QUIET_SECONDS)
     line.rest()
     line.write(b"\rfoo")
-    came = line.answer()
-    expect("the answer to a line and a word on a console with echo", came, b"\r\n> foo")
+    expect("the answer to a line and a word on a console with echo", line.answer(), b"\r\n> foo")
 
 
 @case("SER-010", "REQ-013", allow=(Risk.RESET,))
@@ -1058,13 +1053,7 @@ def exchanges(bench: Bench) -> list[int]:
 
 # CDC-ACM
 
-CODINGS = (
-    "00 C2 01 00 00 00 08",
-    "2C 01 00 00 02 02 07",
-    "80 25 00 00 01 04 10",
-    "00 00 00 00 00 00 00",
-    "FF FF FF FF FF FF FF",
-)
+CODINGS = ("00C20100000008", "2C010000020207", "80250000010410", "00000000000000", "FFFFFFFFFFFFFF")
 """115 200 baud 8N1, 300 baud 7E2, 9600 baud with 1.5 stop bits, spaces and 16 bits, and nonsense."""
 
 

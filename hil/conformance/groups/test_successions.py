@@ -17,12 +17,11 @@ from phasewire.hil.conformance.tools.planning import (
     SETTLED,
     check_rest,
     some_time,
-    store,
     store_for_plans,
 )
 from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, check_in_time, soon
 from phasewire.hil.conformance.tools.playing import play, start, told
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, expect_all, require
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, expect_all, require, store_entry
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, TICKS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -73,8 +72,8 @@ def check_successor(bench: Bench, by: str, unattended: bool, at: Callable[[int, 
     successor, state = SUCCESSORS[by]
     needed = UNATTENDED if unattended or state is State.UNATTENDED else Feature.SEQUENCES
     require(bench, needed)
-    store(bench, some_time(bench) // 2)
-    store(bench, 7, PLACE + 1)
+    store_entry(bench, some_time(bench) // 2, PLACE)
+    store_entry(bench, 7, PLACE + 1)
     enable(bench)
     began = bench.must(PlaySequence(PLACE, 1, repeats=2, unattended=unattended)).commit_period
     ends = began + 2 * (some_time(bench) // 2)
@@ -127,7 +126,7 @@ def test_a_sequence_that_begins_anew_ends_once(bench: Bench, unattended: bool) -
     """A sequence with repeats that replaces itself ends after its second run, and this is reported once."""
     require(bench, UNATTENDED if unattended else Feature.SEQUENCES)
     lasts = some_time(bench) // 2
-    store(bench, lasts)
+    store_entry(bench, lasts, PLACE)
     enable(bench)
     began = bench.must(PlaySequence(PLACE, 1, repeats=1, unattended=unattended)).commit_period
     again = began + lasts // 2
@@ -159,7 +158,7 @@ def modulate(bench: Bench, *, ends: bool = False) -> None:
 
 def follow(bench: Bench) -> None:
     """Begin another unattended sequence."""
-    store(bench, 7, PLACE + 1)
+    store_entry(bench, 7, PLACE + 1)
     over_unattended(bench, PlaySequence(PLACE + 1, 1, unattended=True))
 
 
@@ -168,7 +167,7 @@ DISTURBANCES: dict[str, Callable[[Bench], object]] = {
     "end-of-modulation": lambda bench: modulate(bench, ends=True),
     "another-unattended-sequence": follow,
     "no-op": lambda bench: over_unattended(bench, NoOp()),
-    "store": lambda bench: store(bench, 7, PLACE + 1),
+    "store": lambda bench: store_entry(bench, 7, PLACE + 1),
     "queued-update": lambda bench: bench.must(Update(SILENT, bench.period() + LONG_MS * PERIODS_PER_MS)),
     "late-end-of-modulation": lambda bench: over_unattended(bench, Output(Action.END_MODULATION, 1)),
     "refused-block": lambda bench: bench.send_raw(forged(pack(bench.numbered(NoOp())), checksum=1)),

@@ -12,7 +12,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
 from phasewire.hil.conformance.tools.clocks import compare_clocks
 from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, Player, check_in_time, soon
-from phasewire.hil.conformance.tools.steps import check_sync
+from phasewire.hil.conformance.tools.steps import check_sync, enable
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Change,
@@ -349,8 +349,7 @@ def wraps(first: int) -> list[int]:
 def test_outputs_stay_in_step_across_wraps_of_the_port_counter(bench: Bench, player: Player) -> None:
     """Pulses keep their place in the period when a 16-bit counter wraps, and changes there begin at first ticks."""
     spacing = bench.info.periods_per_update
-    ack = player.send(Update(bench.weak()))
-    begun = ack.commit_period
+    begun = player.send(Update(bench.weak())).commit_period
     for places in ([0, spacing], [-spacing, 0], [1], []):
         wrap = wraps(player.soon(3))[0]
         player.send_all([Update(bench.weak(), wrap + place) for place in places])
@@ -372,8 +371,7 @@ def test_every_clock_tells_the_same_time(bench: Bench) -> None:
         bench.wait(bench.random.random() / 100)
     for (name, tick), (next_name, next_tick) in pairwise(told):
         assert tick < next_tick, f"{next_name} names tick {next_tick} after {name} named {tick}: should be later"
-    acks = bench.send_all([NoOp()] * 8)
-    ticks = [ack.now for ack in acks]
+    ticks = [ack.now for ack in bench.send_all([NoOp()] * 8)]
     assert all(one < other for one, other in pairwise(ticks)), (
         f"consecutive blocks had arrived at ticks {ticks}: should be rising"
     )
@@ -505,43 +503,31 @@ def test_a_clock_block_tells_the_sync_period_and_does_nothing(bench: Bench, play
 # The start
 
 
-def check_complete(bench: Bench) -> None:
-    """Fail unless the first sync pulse had come, and the chain was complete, before the device answered."""
+def check_begins_anew(bench: Bench, what: str, restart: Callable[[], None]) -> None:
+    """Fail unless time begins anew, and the first sync pulse and the whole chain come before the first answer."""
+    began = bench.line.time.monotonic()
+    restart()
     first = bench.clock()  # this is the first question
     assert first.sync_pulses >= 1, f"at tick {first.now} no pulse on the sync line had come, should one at period 0"
-    processors = bench.processors()
-    status = bench.status()
-    missing = [number for number, report in enumerate(processors) if report.bank is None]
-    if Fault.PROCESSOR not in status.faults:
+    missing = [number for number, report in enumerate(bench.processors()) if report.bank is None]
+    if Fault.PROCESSOR not in bench.status().faults:
         expect("missing processors", missing, [])
     check_sync(bench)
+    tick = bench.clock().now
+    elapsed = bench.line.time.monotonic() - began
+    assert tick <= elapsed * TICK_HZ * (1 + TOLERANCE), (
+        f"{elapsed:.3f} s after {what} the clock names tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
+    )
 
 
 @case("TIM-002/2", "TIM-002", "CHN-026", allow=[Risk.RESET])
 def test_after_a_reset_the_device_answers_from_period_0_on(bench: Bench) -> None:
     """After RESET time restarts at 0, and the first answer knows the processors and the sync pulse of period 0."""
-    now = bench.line.time.monotonic
-    bench.order(Request.WATCHDOG, 60_000)
-    bench.enable()
-    began = now()
-    bench.restart(lambda: bench.order(Request.RESET))
-    check_complete(bench)
-    tick = bench.clock().now
-    elapsed = now() - began
-    assert tick <= elapsed * TICK_HZ * (1 + TOLERANCE), (
-        f"{elapsed:.3f} s after RESET the clock names tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
-    )
+    enable(bench)
+    check_begins_anew(bench, "RESET", lambda: bench.restart(lambda: bench.order(Request.RESET)))
 
 
 @case("TIM-002/2", "TIM-002", "CHN-026", allow=[Risk.RESET], needs=[Need.POWER])
 def test_after_power_up_the_device_answers_from_period_0_on(bench: Bench) -> None:
     """After power-up time restarts at 0, and the first answer knows the processors and the sync pulse of period 0."""
-    now = bench.line.time.monotonic
-    began = now()
-    bench.power_cycle()
-    check_complete(bench)
-    tick = bench.clock().now
-    elapsed = now() - began
-    assert tick <= elapsed * TICK_HZ * (1 + TOLERANCE), (
-        f"{elapsed:.3f} s after power was cut the clock names tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
-    )
+    check_begins_anew(bench, "power was cut", bench.power_cycle)

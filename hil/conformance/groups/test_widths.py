@@ -15,7 +15,6 @@ from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, R
 from phasewire.hil.conformance.tools.drives import widths_for
 from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, in_time, soon
 from phasewire.hil.conformance.tools.steps import (
-    LONG_MS,
     MOST_ENTRY_PERIODS,
     SILENT,
     Wrong,
@@ -24,6 +23,7 @@ from phasewire.hil.conformance.tools.steps import (
     enable,
     features_of,
     forge,
+    known,
     let_stores_go,
     packed,
     refuse,
@@ -99,8 +99,7 @@ def test_a_watchdog_time_is_counted_whole(bench: Bench) -> None:
     """Watchdog times that leave almost nothing in few bits of ms, µs, ticks or cycles do not fire at once."""
     bench.must(NoOp())
     for what, ms in some(bench, spans(PER_MS, 2000, MOST_MS)):
-        bench.order(Request.WATCHDOG, LONG_MS)
-        bench.enable()
+        enable(bench)
         began = bench.must(NoOp()).now
         bench.order(Request.WATCHDOG, ms)
         bench.wait(0.005)
@@ -178,13 +177,11 @@ def test_the_drive_of_a_stored_slot_is_kept_whole(bench: Bench, limit: int) -> N
     bench.order(Request.LIMIT, limit)
     enable(bench)
     let_stores_go(bench)
-    refuse(
-        bench,
-        [
-            Wrong(f"a slot of {total} thousandths", forge(bench, PlaySequence(slot, 1)), Reason.DRIVE)
-            for slot, total in enumerate(stored)
-        ],
-    )
+    wrong = [
+        Wrong(f"a slot of {total} thousandths", forge(bench, PlaySequence(slot, 1)), Reason.DRIVE)
+        for slot, total in enumerate(stored)
+    ]
+    refuse(bench, wrong)
 
 
 @case("SAF-006", "REQ-010", allow=(Risk.DRIVE,), features=Feature.SEQUENCES)
@@ -226,12 +223,6 @@ DURATIONS = [
 """For each the defect that it shows, the periods of its entries, and its repeats."""
 
 
-def store_entries(bench: Bench, entries: list[Entry]) -> None:
-    """Store entries from the head of the table on."""
-    for at in range(0, len(entries), ENTRIES_PER_BLOCK):
-        bench.must(Entries(tuple(entries[at : at + ENTRIES_PER_BLOCK]), at))
-
-
 @case("BLK-015", "STA-003", "BLK-022", "REQ-003", features=Feature.SEQUENCES)
 def test_the_duration_of_a_sequence_is_counted_whole(bench: Bench) -> None:
     """Sequences whose duration leaves almost nothing in few bits play on, and their data stay in use."""
@@ -239,7 +230,9 @@ def test_the_duration_of_a_sequence_is_counted_whole(bench: Bench) -> None:
     pulses = bench.weak()
     bench.must(Slot(7, pulses))
     for what, periods, repeats in some(bench, DURATIONS):
-        store_entries(bench, [Entry(7, each) for each in periods])
+        entries = [Entry(7, each) for each in periods]
+        for at in range(0, len(entries), ENTRIES_PER_BLOCK):
+            bench.must(Entries(tuple(entries[at : at + ENTRIES_PER_BLOCK]), at))
         bench.unasked.clear()
         began = bench.must(PlaySequence(0, len(periods), repeats=repeats)).commit_period
         bench.wait_until(began + AT_ONCE_PERIODS)
@@ -371,10 +364,8 @@ def test_a_sample_is_guarded_wherever_it_stands(bench: Bench) -> None:
     store_but(bench, MODULATION_SAMPLES, (), SAMPLES_PER_BLOCK, lambda first, count: Samples(b"\xff" * count, first))
     bench.must(AmplitudeModulation(0, MODULATION_SAMPLES, 1))
     let_stores_go(bench)
-    refuse(
-        bench,
-        [Wrong(f"sample {place}", forge(bench, Samples(b"\xff", place)), Reason.IN_USE) for place in LATE_SAMPLES],
-    )
+    wrong = [Wrong(f"sample {place}", forge(bench, Samples(b"\xff", place)), Reason.IN_USE) for place in LATE_SAMPLES]
+    refuse(bench, wrong)
 
 
 # Periods far ahead
@@ -390,15 +381,6 @@ CHANGES: dict[str, Callable[[int], Change]] = {
 FAR_SPANS = spans(PER_PERIOD, LONG_PERIODS, HORIZON_PERIODS - LONG_PERIODS)
 
 
-def store_what_changes_play(bench: Bench) -> None:
-    """Store the data of the changes, as far as the device supports them."""
-    stores: tuple[Body, ...] = (Slot(0, SILENT), Entries((Entry(0, 1),)), Samples(b"\xff"))
-    for body in stores:
-        if features_of(body) in bench.info.features:
-            bench.must(body)
-    let_stores_go(bench)
-
-
 @case("BLK-005", "BLK-010", "BLK-018", "TIM-002")
 @pytest.mark.parametrize("kind", CHANGES)
 def test_a_change_waits_for_its_period_however_far_it_is(bench: Bench, kind: str) -> None:
@@ -406,7 +388,9 @@ def test_a_change_waits_for_its_period_however_far_it_is(bench: Bench, kind: str
     change = CHANGES[kind]
     require(bench, features_of(change(0)))
     enable(bench)
-    store_what_changes_play(bench)
+    for body in known(bench, Slot(0, SILENT), Entries((Entry(0, 1),)), Samples(b"\xff")):
+        bench.must(body)
+    let_stores_go(bench)
     for what, ahead in some(bench, FAR_SPANS):
         bench.enable()
         playing = bench.must(Update(SILENT)).commit_period

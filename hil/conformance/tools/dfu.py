@@ -148,6 +148,12 @@ class RawDfuLine:
             )
             number += 1
 
+    def own_image(self) -> bytes:
+        """Upload the image that would boot next, and go back to dfuIDLE."""
+        image = self.image()
+        self.rest()
+        return image
+
     def rest(self) -> None:
         """Reach dfuIDLE from any state in which requests are answered, or that ends by itself."""
         for _ in range(4):

@@ -41,8 +41,7 @@ Edit = Callable[[bytearray], None]
 
 def large_image(line: RawDfuLine) -> bytes:
     """The device's own image, if it has at least the five blocks that show sectors and pages at work."""
-    image = line.image()
-    line.rest()
+    image = line.own_image()
     if len(image) < LEAST_BLOCKS * BLOCK:
         raise Inconclusive(f"the firmware has {len(image)} bytes; this needs five blocks of 2048")
     return image

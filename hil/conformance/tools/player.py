@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from math import ceil
 from typing import Generic, TypeVar
@@ -190,6 +190,12 @@ class Player:
     def soon(self, blocks: int = 1) -> int:
         """A period before which so many blocks, if sent now, have certainly arrived."""
         return soon(self.bench, blocks)
+
+    def begin(self, change: Change, blocks: int = 1) -> int:
+        """Send a change for a period before which so many blocks have certainly arrived; returns that period."""
+        period = self.soon(blocks)
+        self.send(replace(change, period=period))
+        return period
 
     def send(self, body: Body) -> Ack:
         """Send a block that must be accepted and, if it names a period far enough ahead, be in time."""

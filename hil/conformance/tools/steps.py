@@ -17,6 +17,7 @@ from ....protocol.blocks import (
     Body,
     Clock,
     Entries,
+    Entry,
     NoOp,
     Output,
     PlaySequence,
@@ -25,7 +26,18 @@ from ....protocol.blocks import (
     pack,
 )
 from ....protocol.board import CHANNELS, TICKS_PER_PERIOD
-from ....protocol.codes import BLOCK_BYTES, RECORD_BYTES, SYNC_PERIODS, AckFlag, Action, Feature, Reason, Request, State
+from ....protocol.codes import (
+    BLOCK_BYTES,
+    RECORD_BYTES,
+    SLOTS,
+    SYNC_PERIODS,
+    AckFlag,
+    Action,
+    Feature,
+    Reason,
+    Request,
+    State,
+)
 from ....protocol.pulses import Pulses
 from ....protocol.replies import Status
 from ...traffic.traffic import Traffic
@@ -52,6 +64,7 @@ __all__ = [
     "features_of",
     "forge",
     "heavy",
+    "known",
     "late_phase",
     "later",
     "let_stores_go",
@@ -61,6 +74,7 @@ __all__ = [
     "require",
     "set_limit",
     "some",
+    "store_entry",
     "suspended",
     "vectors",
 ]
@@ -112,6 +126,11 @@ def features_of(body: Body) -> Feature:
         case Samples() | AmplitudeModulation() | Output(action=Action.END_MODULATION):
             return Feature.MODULATION
     return Feature(0)
+
+
+def known(bench: Bench, *bodies: Body) -> list[Body]:
+    """Those blocks for which the device has the features."""
+    return [body for body in bodies if features_of(body) in bench.info.features]
 
 
 def enable(bench: Bench) -> None:
@@ -251,14 +270,23 @@ def check_sync(bench: Bench) -> None:
     assert reading.sync_pulses >= least, f"sync_pulses is {reading.sync_pulses}, should be at least {least}"
 
 
-def let_stores_go(bench: Bench) -> Status:
-    """Wait until stores that wait for the chain no longer count as a full queue (BLK-024), with nothing else queued."""
+def store_entry(bench: Bench, periods: int, place: int = 0, pulses: Pulses | None = None) -> Pulses:
+    """Store an entry of so many periods, and its slot with pulses, weak ones by default; returns them."""
+    pulses = bench.weak() if pulses is None else pulses
+    bench.must(Slot(place % SLOTS, pulses))
+    bench.must(Entries((Entry(place % SLOTS, periods),), place))
+    return pulses
+
+
+def let_stores_go(bench: Bench, queued: int = 0) -> Status:
+    """Wait until stores that wait for the chain do not count as a full queue (BLK-024), with so many changes queued."""
+    places = bench.info.queue_blocks - queued
     for _ in range(100):
         status = bench.status()
-        if status.free == bench.info.queue_blocks:
+        if status.free == places:
             return status
         bench.outlast(0.005)
-    raise AssertionError(f"free is {status.free} half a second after the last store, should be all places again")
+    raise AssertionError(f"free is {status.free} half a second after the last store, should be {places} again")
 
 
 def heavy(transducers: int) -> Pulses:
