@@ -15,8 +15,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, expected_words, only
-from phasewire.hil.conformance.tools.exchange import same_but
-from phasewire.hil.conformance.tools.filling import fill_queue
+from phasewire.hil.conformance.tools.exchange import fill_queue, same_but
 from phasewire.hil.conformance.tools.frames import frame, request_frame
 from phasewire.hil.conformance.tools.steps import LONG_MS, enable, expect_all, require
 from phasewire.hil.conformance.transports.serial import RawSerialLine

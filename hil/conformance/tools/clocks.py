@@ -9,8 +9,6 @@ from ....protocol.board import TICK_HZ
 from ..bench import Bench
 from ..cases import Inconclusive
 
-__all__ = ["compare_clocks", "load_average", "unless_busy"]
-
 STRETCHES = 4
 CATCHES_UP = 3
 """A simulated device that lags catches up; it is never this many times as fast as the host's clock."""

@@ -22,8 +22,6 @@ from ....protocol.enumeration import DFU_INTERFACE, LANGUAGE
 from ....protocol.requests import DIRECTION_IN, Setup
 from ..bench import Bench
 
-__all__ = ["BUSY", "RawDfuLine", "dfu_mode"]
-
 DETACH_MS = 1000
 SPARE_MS = 10
 """Extra wait if the busy time itself is not judged: polling too early ends a download."""

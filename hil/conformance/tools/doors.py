@@ -20,8 +20,6 @@ from ..transports.serial import RawSerialLine
 from .steps import features_of
 from .watchdog import patience
 
-__all__ = ["TEST", "DoorRow", "Host", "at_the_door"]
-
 ACK_SECONDS = 10.0
 TESTED = 17
 TEST = Update(only(TESTED, width=2))

@@ -13,8 +13,6 @@ from types import MappingProxyType
 
 from .... import protocol
 
-__all__ = ["example"]
-
 _EXAMPLE = re.compile(r"^```hex (\S+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _ZEROS = re.compile(r"00 × (\d+)")
 

@@ -6,8 +6,6 @@ import zlib
 
 from ....protocol.codes import HEADER_BYTES
 
-__all__ = ["FIELDS", "forged", "seal"]
-
 FIELDS = {
     "magic": (0, 2),
     "version": (2, 1),

@@ -9,8 +9,6 @@ import zlib
 
 from ....protocol.requests import Setup
 
-__all__ = ["console_frame", "frame", "request_frame", "sealed", "stuffed", "unstuffed"]
-
 GROUP_BYTES = 254
 FULL = GROUP_BYTES + 1
 CONSOLE = 5

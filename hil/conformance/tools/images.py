@@ -20,18 +20,6 @@ from ....protocol.codes import ImageReason, Target
 from ..cases import Inconclusive, NotApplicable
 from .dfu import RawDfuLine
 
-__all__ = [
-    "UNTRUSTED",
-    "Forgery",
-    "as_version",
-    "boot_record",
-    "large_image",
-    "of_many_blocks",
-    "of_whole_blocks",
-    "reseal",
-    "signed_by",
-]
-
 BLOCK = 2048
 LEAST_BLOCKS = 5
 HEADER, ENTRY, SIGNATURE = 32, 48, 64

@@ -11,17 +11,6 @@ from .player import is_fast
 from .steps import expect_all, store_entry
 from .watchdog import far_ahead
 
-__all__ = [
-    "APART",
-    "PLACE",
-    "SAMPLE",
-    "SETTLED",
-    "check_nothing_is_read_back",
-    "check_rest",
-    "some_time",
-    "store_for_plans",
-]
-
 PLACE, SAMPLE = 40, 128
 APART = 20
 """Periods between consecutive queued changes: any chain can carry that."""

@@ -36,8 +36,6 @@ from ..cases import TooSlow
 from ..sight.capture import Seen
 from ..sight.waveforms import Words, check_play, expected_words, modulated
 
-__all__ = ["PROMISED_PERIODS", "Player", "Score", "block_periods", "check_in_time", "in_time", "is_fast", "soon"]
-
 PROMISED_PERIODS = 5
 """Clause BLK-005: a change this many periods after its block's arrival is in time."""
 PATIENCE_MS = 60_000

@@ -33,24 +33,6 @@ from ..sight.waveforms import SILENCE, Words, check_play, check_silent, expected
 from .forge import forged
 from .steps import LONG_MS, require
 
-__all__ = [
-    "CLOCK_ERROR",
-    "HOT_PERIODS",
-    "PLAYS",
-    "ROUND_SECONDS",
-    "Played",
-    "check_falls_one_by_one",
-    "check_falls_silent",
-    "expect_state",
-    "heat",
-    "judge_silence_since",
-    "play",
-    "reach",
-    "silent_from",
-    "start",
-    "told",
-]
-
 SAMPLE = 128
 SLOT, PLACE = 7, 5
 CLOCK_ERROR = 0.01

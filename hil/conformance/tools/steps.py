@@ -46,39 +46,6 @@ from ..cases import Inconclusive, NotApplicable, expect
 from .forge import forged
 from .player import soon
 
-__all__ = [
-    "FAR_PERIODS",
-    "LONG_MS",
-    "MOST_ENTRY_PERIODS",
-    "SILENT",
-    "Wrong",
-    "await_state",
-    "begin",
-    "check_refused",
-    "check_same",
-    "check_sync",
-    "cut",
-    "enable",
-    "expect_all",
-    "far",
-    "features_of",
-    "forge",
-    "heavy",
-    "known",
-    "late_phase",
-    "later",
-    "let_stores_go",
-    "packed",
-    "raw_records",
-    "refuse",
-    "require",
-    "set_limit",
-    "some",
-    "store_entry",
-    "suspended",
-    "vectors",
-]
-
 Item = TypeVar("Item")
 
 LONG_MS = 60_000
