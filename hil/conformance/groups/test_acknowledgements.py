@@ -356,8 +356,7 @@ def test_a_record_is_not_held_back(bench: Bench) -> None:
 @case("ACK-006/1", "SAF-003", "REQ-003")
 def test_the_watchdog_is_told(bench: Bench) -> None:
     """When the watchdog disables the outputs a status record with the state and the flag comes unasked."""
-    bench.order(Request.WATCHDOG, 20)
-    bench.enable()
+    enable(bench, 20)
     expect_all(bench.await_unasked(1), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED, watchdog_ms=20)
     expect("what else comes", bench.listen(), [])
 
@@ -366,8 +365,7 @@ def test_the_watchdog_is_told(bench: Bench) -> None:
 def test_the_watchdog_is_told_within_20_ms(bench: Bench) -> None:
     """20 ms after the watchdog has fired its record is there, before or among the answers to three blocks sent then."""
     ms = patience(bench)
-    bench.order(Request.WATCHDOG, ms)
-    bench.enable()
+    enable(bench, ms)
     fired = bench.period() + ms * PERIODS_PER_MS + 1
     bench.wait_until(fired + TOLD_PERIODS + 1)
     for _ in range(3):  # a device may answer before it sends the record, but not for ever
@@ -418,8 +416,7 @@ def test_only_the_newest_status_waits(bench: Bench) -> None:
     store_entry(bench, 50, pulses=SILENT)
     let_stores_go(bench)
     for _ in range(3):  # each leaves a record: OFF, by the watchdog
-        bench.order(Request.WATCHDOG, 10)
-        bench.enable()
+        enable(bench, 10)
         bench.outlast(0.03)
     enable(bench)
     leave_unread(bench, [NoOp(), PlaySequence(0, 1, repeats=2)])

@@ -117,10 +117,11 @@ def parse(answer: str) -> ConsoleReply:
     return ConsoleReply(pairs, int(error[1]) if error else None, error[2] if error else "")
 
 
-def told(console: RawSerialLine, line: str) -> ConsoleReply:
-    """Give a command that must be carried out; returns its answer."""
-    answer = parse(console.command(line))
-    assert answer.code is None, f"{line!r} is answered with error {answer.code} {answer.text}, should be with ok"
+def told(console: RawSerialLine, *lines: str) -> ConsoleReply:
+    """Give commands that must be carried out; returns the answer to the last."""
+    for line in lines:
+        answer = parse(console.command(line))
+        assert answer.code is None, f"{line!r} is answered with error {answer.code} {answer.text}, should be with ok"
     return answer
 
 
@@ -206,8 +207,7 @@ def test_status_tells_the_record(bench: Bench, console: RawSerialLine) -> None:
         answer = told(console, "status")
         expect("the keys of status", answer.keys, STATUS_KEYS)
         check_fields(answer.fields, before, status_of(bench, console))
-        told(console, "enable")
-        told(console, "test 0")
+        told(console, "enable", "test 0")
     assert answer["state"] == "PLAYING", f"state is {answer['state']!r} after test, should be PLAYING"
 
 
@@ -305,16 +305,14 @@ def test_commands_do_what_requests_do(bench: Bench, console: RawSerialLine) -> N
         expect(f"the state after {command}", status_of(bench, console).state, state)
     for board in range(min(bench.info.boards, 5)):
         told(console, f"identify {board}")
-    told(console, "clear")
-    told(console, "  watchdog   0001000  ")
+    told(console, "clear", "  watchdog   0001000  ")
     expect("the watchdog time", status_of(bench, console).watchdog_ms, 1000)
 
 
 @case("CON-004/1", "CON-006", "REQ-010")
 def test_what_a_request_would_stall_is_refused(bench: Bench, console: RawSerialLine) -> None:
     """If a request would stall, its command is REFUSED and has no effect, such as `limit` while enabled."""
-    told(console, f"watchdog {LONG_MS}")
-    told(console, "enable")
+    told(console, f"watchdog {LONG_MS}", "enable")
     before = status_of(bench, console)
     for transducers in (0, 5, CHANNELS):
         refused(console, f"limit {transducers}", REFUSED)
@@ -496,8 +494,7 @@ def test_a_line_that_is_wrong_is_refused(bench: Bench, console: RawSerialLine, w
 @case("CON-006")
 def test_range_comes_before_refusal(console: RawSerialLine) -> None:
     """Arguments and their range are checked before the request: the first failure gives the code."""
-    told(console, f"watchdog {LONG_MS}")
-    told(console, "enable")
+    told(console, f"watchdog {LONG_MS}", "enable")
     for line, code in (("limit", ARGUMENTS), ("limit x", ARGUMENTS), ("limit 321", RANGE), ("limit 5", REFUSED)):
         refused(console, line, code)
 
@@ -703,17 +700,12 @@ def test_a_test_is_refused_as_an_update_is(bench: Bench, console: RawSerialLine)
     assert re.match(r"DISABLED\b", text), f"the refusal before enable should begin with DISABLED, not be {text!r}"
     after = status_of(bench, console)
     same_but(before, after, refused=1, last_refusal=Reason.DISABLED - before.last_refusal)
-    told(console, f"watchdog {LONG_MS}")
-    told(console, "limit 0")
-    told(console, "enable")
+    told(console, f"watchdog {LONG_MS}", "limit 0", "enable")
     before = status_of(bench, console)
     text = refused(console, "test 17", REFUSED)
     assert re.match(r"DRIVE\b", text), f"the refusal above the limit should begin with DRIVE, not be {text!r}"
     same_but(before, status_of(bench, console), refused=1, last_refusal=Reason.DRIVE - before.last_refusal)
-    told(console, "stop")
-    told(console, "limit 1")
-    told(console, "enable")
-    told(console, "test 17")
+    told(console, "stop", "limit 1", "enable", "test 17")
 
 
 @case("CON-008", "NUM-002")
@@ -772,9 +764,7 @@ def test_a_test_leaves_the_modulation(bench: Bench, console: RawSerialLine) -> N
 @case("CON-008", "SAF-003")
 def test_the_watchdog_silences_a_test(bench: Bench, console: RawSerialLine) -> None:
     """A test ends when the watchdog fires, so that it does not go on after its person has left."""
-    told(console, "watchdog 300")
-    told(console, "enable")
-    told(console, "test 17")
+    told(console, "watchdog 300", "enable", "test 17")
     wait_typing(bench, console, 0.5)
     expect_all(status_of(bench, console), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED, since_period=0)
 
@@ -786,8 +776,7 @@ def test_a_test_does_not_wait_for_room(bench: Bench, console: RawSerialLine) -> 
     before = status_of(bench, console)
     refused(console, "test 17", REFUSED)
     expect_all(status_of(bench, console), accepted=before.accepted, free=0)
-    told(console, "stop")
-    told(console, "enable")
+    told(console, "stop", "enable")
     wait_typing(bench, console, 0.01)
     expect("what plays after there is room", status_of(bench, console).since_period, 0)
 
@@ -836,8 +825,7 @@ def test_frames_that_meet_a_console_lead_to_frames(bench: Bench, console: RawSer
 def test_reset_is_answered_and_then_carried_out(bench: Bench, console: RawSerialLine) -> None:
     """`reset` is answered with ok, then the device starts with fresh counts and sends nothing by itself."""
     refused(console, "reset 1", ARGUMENTS)
-    told(console, "watchdog 9999")
-    told(console, "enable")
+    told(console, "watchdog 9999", "enable")
     old = by_request(bench, console, bench.clock).now
     told(console, "reset")
     bench.restart(lambda: bench.wait(LEAVE_SECONDS))
@@ -861,10 +849,7 @@ def test_dfu_leads_to_dfu_mode(bench: Bench, console: RawSerialLine) -> None:
     if Feature.DFU not in bench.info.features:
         refused(console, "dfu", REFUSED)
         return
-    told(console, f"watchdog {LONG_MS}")
-    told(console, "enable")
-    told(console, "test 3")
-    told(console, "dfu")
+    told(console, f"watchdog {LONG_MS}", "enable", "test 3", "dfu")
 
     def upgrade_nothing() -> None:
         bench.usb.wait_for("DFU", bench.return_seconds)
@@ -888,8 +873,7 @@ def test_a_silencing_fault_refuses_commands(bench: Bench, console: RawSerialLine
     refused(console, "enable", REFUSED)
     text = refused(console, "test 5", REFUSED)
     assert re.match(r"FAULT\b", text), f"the refusal of test should begin with FAULT, not be {text!r}"
-    told(console, "stop")
-    told(console, "clear")
+    told(console, "stop", "clear")
     expect("the state while the cause is there", told(console, "status")["state"], "FAULT")
     bench.wait(0.3)
     expect("faults after the cause is gone", told(console, "faults").fields, (("faults", "SUPPLY"),))

@@ -95,8 +95,7 @@ def leave_records(bench: Bench, count: int) -> list[int]:
 
 def let_watchdog_fire(bench: Bench) -> None:
     """Make an unsolicited status record wait."""
-    bench.order(Request.WATCHDOG, 10)
-    bench.enable()
+    enable(bench, 10)
     bench.outlast(0.02)
 
 

@@ -198,8 +198,7 @@ def test_a_clock_tells_the_last_pulse_of_the_sync_line(bench: Bench) -> None:
 @pytest.mark.parametrize("body", [Clock(), NoOp()], ids=["clock", "no-op"])
 def test_it_is_a_sign_of_life(bench: Bench, body: Clock | NoOp) -> None:
     """While CLOCK or NO_OP come the watchdog does not fire: their host is present, with nothing to change."""
-    bench.order(Request.WATCHDOG, ms := 200 * bench.slowness)
-    bench.enable()
+    enable(bench, ms := 200 * bench.slowness)
     acks = []
     for _ in range(6):
         bench.wait(ms / 2500)

@@ -289,8 +289,7 @@ def test_info_and_wiring_do_not_change(bench: Bench) -> None:
     """INFO and WIRING answer the same bytes whatever the device does, and after any request."""
     info, wiring = bench.ask(Request.INFO), bench.ask(Request.WIRING)
     bench.order(Request.LIMIT, 1)
-    bench.order(Request.WATCHDOG, 60_000)
-    bench.enable()
+    enable(bench, 60_000)
     bench.must(Update(SILENT))
     bench.wait_periods(8)
     expect("INFO while it plays", bench.ask(Request.INFO), info)
@@ -455,8 +454,7 @@ KEPT = (
 def test_counts_and_the_last_refusal_are_kept(bench: Bench, what: str) -> None:
     """Counters, last refusal, watchdog time and limit in STATUS stay as they are through all changes of state."""
     bench.order(Request.LIMIT, 1)
-    bench.order(Request.WATCHDOG, KEPT_MS)
-    bench.enable()
+    enable(bench, KEPT_MS)
     first = bench.must(NoOp()).sequence
     refuse(bench, [Wrong("an update beyond the horizon", forge(bench, Update(SILENT, 2**63)), Reason.HORIZON)])
     bench.must(NoOp(), number=(first + 5) % 2**32)
@@ -524,8 +522,7 @@ def test_watchdog_fired_is_said_until_enable(bench: Bench) -> None:
     bench.enable()
     bench.disable()
     expect("flags after DISABLE", bench.status().flags, StatusFlag(0))
-    bench.order(Request.WATCHDOG, 20)
-    bench.enable()
+    enable(bench, 20)
     bench.outlast(0.06)
     for _ in range(2):
         expect("flags after the watchdog", bench.status().flags, StatusFlag.WATCHDOG_FIRED)
@@ -558,8 +555,7 @@ def test_enable_while_enabled_changes_nothing(bench: Bench) -> None:
 def test_enable_and_status_are_signs_of_life(bench: Bench) -> None:
     """ENABLE and STATUS keep the watchdog from firing; the other requests are no signs of life."""
     for request in (Request.ENABLE, Request.STATUS):
-        bench.order(Request.WATCHDOG, ms := 200 * bench.slowness)
-        bench.enable()
+        enable(bench, ms := 200 * bench.slowness)
         times = [bench.clock().now]
         for _ in range(6):
             bench.wait(ms / 2500)
@@ -572,8 +568,7 @@ def test_enable_and_status_are_signs_of_life(bench: Bench) -> None:
         if gap >= 0.97 * ms:
             raise TooSlow(f"the host was held up for {gap:.0f} ms, as long as the watchdog's time")
         expect(f"the state, with {request.name}", bench.status().state, State.READY)
-    bench.order(Request.WATCHDOG, 100)
-    bench.enable()
+    enable(bench, 100)
     due = bench.clock().now + 3 * TICK_HZ // 20
     while bench.clock().now < due:
         for number in (Request.INFO, Request.CLOCK, Request.PROCESSORS):
@@ -833,8 +828,7 @@ def test_the_watchdogs_time_holds_at_once(bench: Bench) -> None:
     bench.outlast(0.1)
     bench.order(Request.WATCHDOG, 50)
     expect("the state after 100 ms with 50 ms", bench.await_unasked(1).state, State.OFF)
-    bench.order(Request.WATCHDOG, 300)
-    bench.enable()
+    enable(bench, 300)
     bench.outlast(0.1)
     bench.order(Request.WATCHDOG, LONG_MS)
     bench.outlast(0.4)

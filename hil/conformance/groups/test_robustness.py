@@ -262,8 +262,7 @@ def test_what_plays_goes_on_through_nonsense(bench: Bench) -> None:
 def test_nonsense_is_no_sign_of_life(bench: Bench) -> None:
     """The watchdog fires while only nonsense comes, because the host that sends it is out of control."""
     watchdog = 150 if bench.line.kind == "usb" else 500
-    bench.order(Request.WATCHDOG, watchdog)
-    bench.enable()
+    enable(bench, watchdog)
     bench.must(Update(bench.weak()))
     due = bench.clock().now + 3 * watchdog * TICK_HZ // 1000
     while bench.clock().now < due:

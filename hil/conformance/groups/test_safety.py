@@ -115,8 +115,7 @@ def test_the_watchdog_starts_with_enable(bench: Bench) -> None:
     """
     ms = patience(bench)
     bench.must(NoOp())
-    bench.order(Request.WATCHDOG, ms)
-    bench.enable()
+    enable(bench, ms)
     bench.wait(ms / 3000)
     bench.order(Request.DISABLE)
     bench.outlast(2 * ms / 1000)
@@ -144,8 +143,7 @@ def test_the_watchdog_rests_while_the_outputs_are_off(bench: Bench) -> None:
 @case("REQ-003", "SAF-003", "REQ-005")
 def test_the_status_says_that_the_watchdog_fired_until_enable(bench: Bench) -> None:
     """WATCHDOG_FIRED stays in the status until the outputs are enabled again, so that the host sees it."""
-    bench.order(Request.WATCHDOG, patience(bench))
-    bench.enable()
+    enable(bench, patience(bench))
     bench.await_unasked(2)
     for _ in range(2):
         assert bench.status().watchdog_fired, "WATCHDOG_FIRED is gone before ENABLE"

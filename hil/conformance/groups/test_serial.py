@@ -973,8 +973,7 @@ def expect_told(line: RawSerialLine, state: State, act: Callable[[], object]) ->
 @case("SER-016", "ACK-006", line="usb")
 def test_the_watchdog_is_told_at_all_doors(bench: Bench, frames: RawSerialLine) -> None:
     """When the watchdog fires a status record comes by USB and by the line that carries frames."""
-    bench.order(Request.WATCHDOG, 50)
-    bench.enable()
+    enable(bench, 50)
     frames.listen(frames.patience(), lambda: any(status.watchdog_fired for status in statuses(frames)))
     told = [status.watchdog_fired for status in statuses(frames)]
     assert told[-1:] == [True], "no status record by the serial line says that the watchdog has fired"
@@ -984,8 +983,7 @@ def test_the_watchdog_is_told_at_all_doors(bench: Bench, frames: RawSerialLine) 
 @case("SER-016", "SAF-003", line="usb")
 def test_doors_share_one_watchdog(bench: Bench, frames: RawSerialLine) -> None:
     """STATUS over the serial line keeps on what was enabled by USB, because there is one watchdog."""
-    bench.order(Request.WATCHDOG, ms := SHARED_WATCHDOG_MS * bench.slowness)
-    bench.enable()
+    enable(bench, ms := SHARED_WATCHDOG_MS * bench.slowness)
     asked = [bench.clock().now]
     for _ in range(10):
         bench.wait(ms / 4000)

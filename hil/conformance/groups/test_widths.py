@@ -113,8 +113,7 @@ def test_a_watchdog_time_is_counted_whole(bench: Bench) -> None:
 def test_a_long_watchdog_time_ends(bench: Bench) -> None:
     """A watchdog time beyond 2³² core cycles fires in time: 10.7 s, and 60 s on a device that simulates time."""
     ms = MOST_MS if bench.can(Need.FREE_TIME) else 2**32 // PER_MS["core cycles"] + 1
-    bench.order(Request.WATCHDOG, ms)
-    bench.enable()
+    enable(bench, ms)
     last = bench.must(NoOp()).now
     await_firing(bench, last, last, ms)
 

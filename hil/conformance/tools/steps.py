@@ -100,9 +100,9 @@ def known(bench: Bench, *bodies: Body) -> list[Body]:
     return [body for body in bodies if features_of(body) in bench.info.features]
 
 
-def enable(bench: Bench) -> None:
-    """Enable the outputs, with a long watchdog time."""
-    bench.order(Request.WATCHDOG, LONG_MS)
+def enable(bench: Bench, ms: int = LONG_MS) -> None:
+    """Enable the outputs, with a watchdog time, a long one by default."""
+    bench.order(Request.WATCHDOG, ms)
     bench.enable()
 
 
