@@ -1,4 +1,4 @@
-"""Serial lines for cases: the line of blocks itself if it is serial, else the console's endpoints on USB."""
+"""What cases begin with: a player, or a serial line, which is the line of blocks or the console's endpoints on USB."""
 
 from __future__ import annotations
 
@@ -8,8 +8,15 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import NotApplicable
 from phasewire.hil.conformance.tools.exchange import at_the_console
+from phasewire.hil.conformance.tools.player import Player
 from phasewire.hil.conformance.transports.serial import RawSerialLine
 from phasewire.protocol.codes import Feature
+
+
+@pytest.fixture
+def player(bench: Bench) -> Player:
+    """An enabled device whose watchdog does not interfere."""
+    return Player(bench)
 
 
 @pytest.fixture

@@ -13,20 +13,23 @@ from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import TOLD_PERIODS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.tools.clocks import unless_busy
+from phasewire.hil.conformance.tools.exchange import order
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
     begin,
     cut,
+    enable,
+    expect_all,
     far,
     forge,
     later,
     let_stores_go,
     raw_records,
+    store_entry,
 )
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, patience
-from phasewire.hil.conformance.transports.serial import RawSerialLine
 from phasewire.hil.traffic.traffic import Traffic
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -45,7 +48,6 @@ from phasewire.protocol.blocks import (
 )
 from phasewire.protocol.codes import Action, Fault, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.replies import Status
-from phasewire.protocol.requests import Setup
 
 ENDPOINT_OUT, ENDPOINT_IN = 0x01, 0x81
 ACK = struct.Struct("<2sBBIQQBBBBI")
@@ -129,9 +131,7 @@ def test_more_blocks_than_records_that_fit_are_all_answered(bench: Bench) -> Non
     acks = bench.send_all([NoOp()] * (bench.info.queue_records + 40))
     for ack in acks:
         expect("the reason", ack.reason, Reason.ACCEPTED)
-    after = bench.status()
-    expect("the count of accepted blocks", after.accepted, (before.accepted + len(acks)) % 2**32)
-    expect("the count of lost blocks", after.lost, before.lost)
+    expect_all(bench.status(), accepted=(before.accepted + len(acks)) % 2**32, lost=before.lost)
 
 
 # Contents
@@ -175,9 +175,7 @@ def test_what_is_no_change_has_no_commit_period(bench: Bench, body: Body) -> Non
     """The acknowledgement of a store or a NO_OP has 0 as commit_period, because it takes effect in no period."""
     begin(bench)
     for answer in answers(bench, *blocks_of(bench, [body, body])):
-        expect("reason", answer.reason, Reason.ACCEPTED)
-        expect("commit_period", answer.commit_period, 0)
-        expect("flags", answer.flags, 0)
+        expect_all(answer, reason=Reason.ACCEPTED, commit_period=0, flags=0)
 
 
 @case("ACK-002", "TIM-002/1")
@@ -229,8 +227,7 @@ def test_the_state_is_that_in_which_the_block_was_judged(bench: Bench) -> None:
 def test_the_state_says_what_plays_unattended(bench: Bench) -> None:
     """While an unattended sequence plays, acknowledgements and STATUS report UNATTENDED."""
     begin(bench)
-    bench.must(Slot(0, SILENT))
-    bench.must(Entries((Entry(0, 100),)))
+    store_entry(bench, 100, pulses=SILENT)
     let_stores_go(bench)
     for unattended, state in ((True, State.UNATTENDED), (False, State.PLAYING)):
         bench.wait_until(bench.must(PlaySequence(0, 1, unattended=unattended)).commit_period)
@@ -297,8 +294,7 @@ def leave_unread(bench: Bench, bodies: Sequence[Body]) -> None:
 
 def leave_unread_until_the_watchdog_fires(bench: Bench, bodies: Sequence[Body]) -> None:
     """Send blocks to enabled outputs and read nothing; the watchdog fires after all have been accepted."""
-    bench.order(Request.WATCHDOG, 5000)
-    bench.enable()
+    enable(bench)
     leave_unread(bench, bodies)
     bench.order(Request.WATCHDOG, 100)
     bench.outlast(0.2)
@@ -360,12 +356,8 @@ def test_a_record_is_not_held_back(bench: Bench) -> None:
 @case("ACK-006/1", "SAF-003", "REQ-003")
 def test_the_watchdog_is_told(bench: Bench) -> None:
     """When the watchdog disables the outputs a status record with the state and the flag comes unasked."""
-    bench.order(Request.WATCHDOG, 20)
-    bench.enable()
-    status = bench.await_unasked(1)
-    expect("the state", status.state, State.OFF)
-    expect("flags", status.flags, StatusFlag.WATCHDOG_FIRED)
-    expect("watchdog_ms", status.watchdog_ms, 20)
+    enable(bench, 20)
+    expect_all(bench.await_unasked(1), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED, watchdog_ms=20)
     expect("what else comes", bench.listen(), [])
 
 
@@ -373,8 +365,7 @@ def test_the_watchdog_is_told(bench: Bench) -> None:
 def test_the_watchdog_is_told_within_20_ms(bench: Bench) -> None:
     """20 ms after the watchdog has fired its record is there, before or among the answers to three blocks sent then."""
     ms = patience(bench)
-    bench.order(Request.WATCHDOG, ms)
-    bench.enable()
+    enable(bench, ms)
     fired = bench.period() + ms * PERIODS_PER_MS + 1
     bench.wait_until(fired + TOLD_PERIODS + 1)
     for _ in range(3):  # a device may answer before it sends the record, but not for ever
@@ -391,9 +382,7 @@ def test_the_end_of_a_sequence_is_told(bench: Bench) -> None:
     let_stores_go(bench)
     ends = bench.must(PlaySequence(0, 2, repeats=3)).commit_period + 600
     status = bench.await_unasked(2)
-    expect("the state", status.state, State.READY)
-    expect("since_period", status.since_period, 0)
-    expect("flags", status.flags, StatusFlag(0))
+    expect_all(status, state=State.READY, since_period=0, flags=StatusFlag(0))
     period = status.period
     assert ends <= period < ends + 40, f"it was sent in period {period}, should be in {ends} or soon after"
 
@@ -404,15 +393,11 @@ def test_faults_are_told(bench: Bench) -> None:
     begin(bench)
     bench.must(Update(SILENT))
     bench.levers.cause(HotBoard(board=1, celsius=90))
-    status = bench.await_unasked(1)
-    expect("the state", status.state, State.FAULT)
-    expect("faults", status.faults, Fault.TEMPERATURE)
+    expect_all(bench.await_unasked(1), state=State.FAULT, faults=Fault.TEMPERATURE)
     bench.levers.cause(HotBoard(board=1, celsius=40))
     bench.outlast(0.03)
     bench.order(Request.CLEAR_FAULTS)
-    status = bench.await_unasked(1)
-    expect("the state", status.state, State.OFF)
-    expect("faults", status.faults, Fault(0))
+    expect_all(bench.await_unasked(1), state=State.OFF, faults=Fault(0))
 
 
 @case("ACK-006", "STA-003", "USB-020", needs=(Need.SUSPEND,), allow=(Risk.RESET,), line="usb")
@@ -421,31 +406,26 @@ def test_suspend_and_resume_are_told(bench: Bench) -> None:
     begin(bench)
     bench.levers.suspend()
     bench.levers.resume()
-    status = bench.await_unasked(1)
-    expect("the state", status.state, State.OFF)
+    expect("the state", bench.await_unasked(1).state, State.OFF)
     expect("what else comes", bench.listen(), [])
 
 
 @case("ACK-006", line="usb", features=Feature.SEQUENCES)
 def test_only_the_newest_status_waits(bench: Bench) -> None:
     """Of unsolicited status records that were not read only the newest waits, after the acknowledgements."""
-    bench.must(Slot(0, SILENT))
-    bench.must(Entries((Entry(0, 50),)))
+    store_entry(bench, 50, pulses=SILENT)
     let_stores_go(bench)
     for _ in range(3):  # each leaves a record: OFF, by the watchdog
-        bench.order(Request.WATCHDOG, 10)
-        bench.enable()
+        enable(bench, 10)
         bench.outlast(0.03)
-    bench.order(Request.WATCHDOG, 5000)
-    bench.enable()
+    enable(bench)
     leave_unread(bench, [NoOp(), PlaySequence(0, 1, repeats=2)])
     bench.outlast(0.03)
     found = bench.listen(0.05)
     expect("the records", [type(record).__name__ for record in found], ["Ack", "Ack", "Status"])
     status = found[-1]
     assert isinstance(status, Status)
-    expect("the state", status.state, State.READY)
-    expect("flags", status.flags, StatusFlag(0))
+    expect_all(status, state=State.READY, flags=StatusFlag(0))
 
 
 @case("ACK-006", "ACK-001", line="usb")
@@ -476,8 +456,3 @@ def test_what_came_through_another_door_is_told(bench: Bench) -> None:
             expect("the state", Status.decode(record).state, state)
     finally:
         other.enter_console()
-
-
-def order(line: RawSerialLine, request: Request) -> None:
-    """Make a request without an answer on a serial line."""
-    expect(request.name, line.request(Setup(0x41, request, 0, 0, 0)), b"")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from phasewire.hil.conformance.sight.waveforms import (
 )
 from phasewire.hil.conformance.tools.player import check_in_time, soon
 from phasewire.hil.conformance.tools.playing import (
+    ROUND_SECONDS,
     Played,
     check_falls_one_by_one,
     check_falls_silent,
@@ -33,7 +35,8 @@ from phasewire.hil.conformance.tools.playing import (
     silent_from,
     told,
 )
-from phasewire.hil.conformance.tools.steps import SILENT, enable, features_of, require
+from phasewire.hil.conformance.tools.steps import SILENT, enable, expect_all, features_of, require, store_entry
+from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, TICKS_PER_MS
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -47,24 +50,13 @@ from phasewire.protocol.blocks import (
     Slot,
     Update,
 )
-from phasewire.protocol.board import (
-    CARRIER_HZ,
-    CHANNELS_PER_PROCESSOR,
-    PROCESSORS,
-    PROCESSORS_PER_BOARD,
-    TICK_HZ,
-    TICKS_PER_PERIOD,
-)
+from phasewire.protocol.board import CHANNELS_PER_PROCESSOR, PROCESSORS, PROCESSORS_PER_BOARD, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import SILENT_PERIODS, SYNC_PERIODS, Action, Fault, Feature, Reason, Request, State
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import ProcessorReport, ReadBack, Status
 
 FAULTY = (Need.FAULTS, Need.SPARE)
 FAULTY_AND_SEEN = (*FAULTY, Need.CAPTURE)
-PERIODS_PER_MS = CARRIER_HZ // 1000
-TICKS_PER_MS = TICK_HZ // 1000
-ROUND_SECONDS = 0.012
-"""Time in which the controller asks every processor (clause CHN-017) and gets the answers."""
 ASKED_TICKS = 21 * TICKS_PER_MS // 2
 """Time within which a processor's report is known: a question every 10 ms, 0.5 ms to the answer (clause CHN-016)."""
 DEAF_MS = 50
@@ -103,16 +95,13 @@ def expect_counts(bench: Bench, missed: Mapping[int, int], damaged: Mapping[int,
         ("damaged messages", [report.damaged_messages for report in reports], damaged),
     ):
         expect(f"the {what} of the processors", counts, [wanted.get(place, 0) for place in range(PROCESSORS)])
-    status = bench.status()
-    expect("the missed commits in the status", status.missed_commits, sum(missed.values()))
-    expect("the damaged messages in the status", status.damaged_messages, sum(damaged.values()))
+    expect_all(
+        bench.status(), " in the status", missed_commits=sum(missed.values()), damaged_messages=sum(damaged.values())
+    )
 
 
 def expect_faults(bench: Bench, fault: Fault, *processors: int, besides: Fault = NO_FAULTS) -> None:
-    """Fail unless the status has exactly these faults, and exactly these processors report them.
-
-    They may have the faults `besides` too.
-    """
+    """Fail unless the status has exactly these faults, and only these processors report them; `besides` may be, too."""
     expect("the faults in the status", bench.status().faults & ~besides, fault)
     wanted = [fault if place in processors else NO_FAULTS for place in range(PROCESSORS)]
     reported = [report.faults for report in bench.processors()]
@@ -123,8 +112,7 @@ def expect_faults(bench: Bench, fault: Fault, *processors: int, besides: Fault =
 def expect_told(bench: Bench, state: State, fault: Fault, besides: Fault = NO_FAULTS) -> Status:
     """Fail unless the device has sent one unsolicited record, with this fault, maybe some besides, and the state."""
     said = told(bench)
-    seen = [(status.state, status.faults & ~besides) for status in said]
-    expect("the unsolicited records", seen, [(state, fault)])
+    expect("the unsolicited records", [(status.state, status.faults & ~besides) for status in said], [(state, fault)])
     return said[0]
 
 
@@ -142,6 +130,13 @@ def expect_cleared(bench: Bench, state: State) -> None:
     expect_told(bench, state, NO_FAULTS)
     expect_faults(bench, NO_FAULTS)
     expect("the state", bench.status().state, state)
+
+
+def expect_damage(bench: Bench, place: int) -> None:
+    """Fail unless a processor's fault CHAIN is told within a round of questions, while the device plays on."""
+    bench.wait(ROUND_SECONDS)
+    expect_told(bench, State.PLAYING, Fault.CHAIN)
+    expect_faults(bench, Fault.CHAIN, place)
 
 
 def lead(bench: Bench, periods: int) -> int:
@@ -186,17 +181,8 @@ OF_UPDATES = {
 
 @pytest.mark.parametrize("what", OF_UPDATES)
 @case(
-    "CHN-004/1",
-    "CHN-004/2",
-    "CHN-010",
-    "CHN-011",
-    "CHN-016",
-    "CHN-017/1",
-    "REQ-003",
-    "REQ-008",
-    "REQ-011",
-    "SAF-008",
-    "ACK-006",
+    *("CHN-004/1", "CHN-004/2", "CHN-010", "CHN-011", "CHN-016", "CHN-017/1"),
+    *("REQ-003", "REQ-008", "REQ-011", "SAF-008", "ACK-006"),
     needs=FAULTY_AND_SEEN,
 )
 def test_a_processor_that_misses_an_update_plays_on(bench: Bench, what: str) -> None:
@@ -204,9 +190,7 @@ def test_a_processor_that_misses_an_update_plays_on(bench: Bench, what: str) -> 
     before, place, damage = begin(bench), processor_of(bench), OF_UPDATES[what]
     bench.levers.cause(damage.of(place))
     missed = play(bench)
-    bench.wait(ROUND_SECONDS)
-    expect_told(bench, State.PLAYING, Fault.CHAIN)
-    expect_faults(bench, Fault.CHAIN, place)
+    expect_damage(bench, place)
     after = play(bench)
     bench.wait(ROUND_SECONDS)
     expect_faults(bench, Fault.CHAIN, place)
@@ -217,8 +201,7 @@ def test_a_processor_that_misses_an_update_plays_on(bench: Bench, what: str) -> 
         (missed.period, mixed(missed.words, before.words, place)),
         (after.period, after.words),
     ]
-    end = bench.period()
-    bench.judge(before.period, end, lambda seen: check_play(seen, steps))
+    bench.judge(before.period, bench.period(), lambda seen: check_play(seen, steps))
 
 
 @pytest.mark.parametrize("what", ["slice-with-a-wrong-bit", "commit-that-lost-a-byte"])
@@ -254,8 +237,7 @@ def test_no_flipped_bit_of_an_update_ever_plays(bench: Bench) -> None:
         steps.append((field.period, playing))
     bench.wait(ROUND_SECONDS)
     expect_counts(bench, missed, {})
-    end = bench.period()
-    bench.judge(first.period, end, lambda seen: check_play(seen, steps))
+    bench.judge(first.period, bench.period(), lambda seen: check_play(seen, steps))
 
 
 @case("CHN-004/1", "CHN-004/2", "CHN-011", needs=FAULTY_AND_SEEN)
@@ -284,15 +266,10 @@ def test_a_slice_without_its_end_takes_the_next_message_along(bench: Bench) -> N
     expect_counts(bench, {place: 1, place + 1: 1}, {place: 1})
     both = mixed(missed.words, before.words, place, place + 1)
     steps = [(before.period, before.words), (missed.period, both), (after.period, after.words)]
-    end = bench.period()
-    bench.judge(before.period, end, lambda seen: check_play(seen, steps))
+    bench.judge(before.period, bench.period(), lambda seen: check_play(seen, steps))
 
 
-DAMAGES = {
-    "lost": faults.LostToken,
-    "doubled": faults.DoubledToken,
-    "flipped": faults.FlippedBit,
-}
+DAMAGES = {"lost": faults.LostToken, "doubled": faults.DoubledToken, "flipped": faults.FlippedBit}
 
 
 def store_twice(bench: Bench, memory: str, between: Callable[[], object]) -> tuple[Words, Words, Body]:
@@ -331,9 +308,7 @@ def test_a_damaged_load_stores_nothing(bench: Bench, memory: str, how: str) -> N
     token = bench.random.randint(3, 57)
     fault = DAMAGES[how](message="load", processor=place, token=token)
     old, new, start_it = store_twice(bench, memory, lambda: bench.levers.cause(fault))
-    bench.wait(ROUND_SECONDS)
-    expect_told(bench, State.PLAYING, Fault.CHAIN)
-    expect_faults(bench, Fault.CHAIN, place)
+    expect_damage(bench, place)
     expect_counts(bench, {}, {place: 1})
     began = bench.must(start_it).commit_period
     words = mixed(new, old, place)
@@ -349,18 +324,14 @@ def test_a_damaged_program_starts_nothing(bench: Bench, memory: str, how: str) -
     before, place = begin(bench), processor_of(bench)
     start_it: Body = PlaySequence(0, 1) if memory == "entries" else AmplitudeModulation(0, 1, 7)
     if memory == "entries":
-        pulses = bench.weak()
-        bench.must(Slot(0, pulses))
-        bench.must(Entries((Entry(0, 7),)))
+        pulses = store_entry(bench, 7)
         words = expected_words(pulses, bench.wiring)
     else:
         bench.must(Samples(bytes([90])))
         words = expected_words(modulated(before.pulses, 90), bench.wiring)
     bench.levers.cause(DAMAGES[how](message="program", processor=place, token=bench.random.randint(3, 22)))
     began = bench.must(start_it).commit_period
-    bench.wait(ROUND_SECONDS)
-    expect_told(bench, State.PLAYING, Fault.CHAIN)
-    expect_faults(bench, Fault.CHAIN, place)
+    expect_damage(bench, place)
     expect_counts(bench, {}, {place: 1})
     steps = [(before.period, before.words), (began, mixed(words, before.words, place))]
     bench.judge(before.period, began + 50, lambda seen: check_play(seen, steps))
@@ -380,8 +351,7 @@ def test_one_damaged_question_or_answer_is_told_and_no_more(bench: Bench, messag
     expect("the faults", bench.status().faults, Fault.CHAIN)
     expect_counts(bench, {}, {place: 1} if message == "collect" else {})
     expect_cleared(bench, State.PLAYING)
-    end = bench.period()
-    bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
+    bench.judge(field.period, bench.period(), lambda seen: check_play(seen, [(field.period, field.words)]))
 
 
 @pytest.mark.parametrize("message", ["collect", "report"])
@@ -441,11 +411,14 @@ def test_a_processor_that_cannot_be_ready_in_time_plays_on(bench: Bench, what: s
         playing = mixed(words, playing, *late)
         steps.append((began, playing))
     wanted = Fault.CHAIN | (Fault.OVERRUN if what == "slow-processor" else NO_FAULTS)
-    status = bench.status()
-    expect("the faults", status.faults, wanted)
-    expect("the state", status.state, State.PLAYING)
-    expect("the missed commits in the status", status.missed_commits, sum(missed))
-    expect("the damaged messages in the status", status.damaged_messages, 0)
+    expect_all(
+        bench.status(),
+        " in the status",
+        faults=wanted,
+        state=State.PLAYING,
+        missed_commits=sum(missed),
+        damaged_messages=0,
+    )
     bench.wait_periods(lasts)
     told(bench)
     bench.order(Request.CLEAR_FAULTS)
@@ -454,8 +427,7 @@ def test_a_processor_that_cannot_be_ready_in_time_plays_on(bench: Bench, what: s
     bench.wait(ROUND_SECONDS)
     expect_faults(bench, NO_FAULTS)
     steps.append((last.period, last.words))
-    end = bench.period()
-    bench.judge(field.period, end, lambda seen: check_play(seen, steps))
+    bench.judge(field.period, bench.period(), lambda seen: check_play(seen, steps))
 
 
 def changes(bench: Bench, in_sequence: Pulses) -> list[tuple[Body, Words]]:
@@ -486,10 +458,7 @@ def test_an_overrun_is_told_and_silences_nothing(bench: Bench) -> None:
 
 
 def expect_lost_in_time(said: Status, at: int) -> None:
-    """Fail unless a processor that answers no question from a period on is lost in time.
-
-    Two questions may go unanswered, 10 ms each; the processor is lost when the third is due.
-    """
+    """Fail unless a processor is lost in time that answers no question from a period on, when the third is due."""
     latest = at * TICKS_PER_PERIOD + 31 * TICKS_PER_MS
     assert said.now <= latest, f"the processor is lost at tick {said.now}, should be by {latest}"
 
@@ -523,9 +492,7 @@ def test_a_broken_chain_is_told_and_ends_in_silence(bench: Bench, how: str) -> N
     expect_refused_everywhere(bench)
     bench.wait(DEAF_MS / 1000)
     bench.order(Request.CLEAR_FAULTS)
-    status = bench.status()
-    expect("the faults after CLEAR_FAULTS", status.faults, Fault.CHAIN | Fault.PROCESSOR)
-    expect("the state after CLEAR_FAULTS", status.state, State.FAULT)
+    expect_all(bench.status(), " after CLEAR_FAULTS", faults=Fault.CHAIN | Fault.PROCESSOR, state=State.FAULT)
     deaf = said.now // TICKS_PER_PERIOD + (DEAF_MS + 1) * PERIODS_PER_MS
     end = bench.period()
     bench.judge(field.period, begins, lambda seen: check_play(seen, [(field.period, field.words)]))
@@ -553,11 +520,13 @@ def expect_refused_everywhere(bench: Bench) -> None:
     for harmless in (Clock(), NoOp()):
         expect(f"the reason for {harmless.KIND.name}", bench.send(harmless).reason, Reason.ACCEPTED)
     assert not bench.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
-    after = bench.status()
-    expect("the count of refused blocks", after.refused, before.refused + len(bodies))
-    expect("the last refusal", after.last_refusal, reason)
-    expect("the free places", after.free, bench.info.queue_blocks)
-    expect("what plays since", after.since_period, 0)
+    expect_all(
+        bench.status(),
+        refused=before.refused + len(bodies),
+        last_refusal=reason,
+        free=bench.info.queue_blocks,
+        since_period=0,
+    )
 
 
 def plays_everywhere(bench: Bench) -> None:
@@ -566,11 +535,8 @@ def plays_everywhere(bench: Bench) -> None:
     enable(bench)
     field = play(bench)
     bench.wait(ROUND_SECONDS)
-    after = bench.status()
-    expect("the faults", after.faults, NO_FAULTS)
-    expect("the missed commits", after.missed_commits, before.missed_commits)
-    end = bench.period()
-    bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
+    expect_all(bench.status(), faults=NO_FAULTS, missed_commits=before.missed_commits)
+    bench.judge(field.period, bench.period(), lambda seen: check_play(seen, [(field.period, field.words)]))
 
 
 # A lost silence
@@ -600,9 +566,7 @@ def test_a_processor_that_cannot_be_silenced_is_left_alone_until_it_is(bench: Be
     bench.levers.cause(faults.LostToken(message="slice", processor=place, times=2))
     before, after = disable(bench)
     bench.wait(0.15)
-    status = bench.status()
-    expect("the faults", status.faults, Fault.CHAIN)
-    expect("the state", status.state, State.OFF)
+    expect_all(bench.status(), faults=Fault.CHAIN, state=State.OFF)
     expect_counts(bench, {place: 2}, {place: 2})
     latest = [after + SILENT_PERIODS] * PROCESSORS
     latest[place] += ASKED_TICKS // TICKS_PER_PERIOD + (DEAF_MS + 1) * PERIODS_PER_MS
@@ -631,27 +595,12 @@ def check_disabled(bench: Bench, field: Played, before: int, latest: list[int]) 
 # Silencing faults
 
 
-@dataclass(frozen=True)
-class Silencing:
-    """A silencing fault of a board, by its cause; the fault lasts until then."""
-
-    fault: Fault
-    cause: Callable[[int, int, int], InjectedFault]
-
-
-OF_BOARDS = {
-    "too-hot": Silencing(
-        Fault.TEMPERATURE, lambda board, at, lasts: faults.HotBoard(board=board, celsius=86, period=at, periods=lasts)
-    ),
-    "supply-too-low": Silencing(
-        Fault.SUPPLY,
-        lambda board, at, lasts: faults.WrongSupply(board=board, millivolts=11_999, period=at, periods=lasts),
-    ),
-    "supply-too-high": Silencing(
-        Fault.SUPPLY,
-        lambda board, at, lasts: faults.WrongSupply(board=board, millivolts=18_001, period=at, periods=lasts),
-    ),
+OF_BOARDS: dict[str, tuple[Fault, Callable[..., InjectedFault]]] = {
+    "too-hot": (Fault.TEMPERATURE, partial(faults.HotBoard, celsius=86)),
+    "supply-too-low": (Fault.SUPPLY, partial(faults.WrongSupply, millivolts=11_999)),
+    "supply-too-high": (Fault.SUPPLY, partial(faults.WrongSupply, millivolts=18_001)),
 }
+"""Silencing faults of a board, by their causes."""
 
 
 @pytest.mark.parametrize("what", OF_BOARDS)
@@ -661,24 +610,23 @@ def test_a_fault_of_a_board_silences_it_at_once_and_then_all(bench: Bench, what:
     field, board = begin(bench), bench.random.randrange(bench.info.boards)
     places = places_of(board)
     at, lasts = soon(bench), 4000 if bench.line.kind == "usb" else 60_000
-    silencing = OF_BOARDS[what]
-    bench.levers.cause(silencing.cause(board, at, lasts))
+    fault, cause = OF_BOARDS[what]
+    bench.levers.cause(cause(board=board, period=at, periods=lasts))
     bench.wait_until(at + 450)
-    said = expect_told(bench, State.FAULT, silencing.fault)
+    said = expect_told(bench, State.FAULT, fault)
     learned = expect_learned(said, at)
-    expect_faults(bench, silencing.fault, *places)
+    expect_faults(bench, fault, *places)
     expect_refused_everywhere(bench)
     bench.order(Request.CLEAR_FAULTS)
     expect("what the device sends though nothing was cleared", told(bench), [])
-    expect("the faults while the cause lasts", bench.status().faults, silencing.fault)
+    expect("the faults while the cause lasts", bench.status().faults, fault)
     if bench.period() >= at + lasts:
         raise Inconclusive("this line is too slow: the fault was over before its case")
     bench.wait_until(at + lasts)
     bench.wait(ROUND_SECONDS)
     expect("the state after the cause", bench.status().state, State.FAULT)
-    expect_faults(bench, silencing.fault, *places)
-    end = bench.period()
-    bench.judge(field.period, end, lambda seen: check_board_first(seen, field.words, places, at, learned))
+    expect_faults(bench, fault, *places)
+    bench.judge(field.period, bench.period(), lambda seen: check_board_first(seen, field.words, places, at, learned))
     expect_cleared(bench, State.OFF)
     plays_everywhere(bench)
 
@@ -760,8 +708,7 @@ def test_a_supply_at_its_limits_is_no_fault(bench: Bench, millivolts: int) -> No
     bench.wait(2 * ROUND_SECONDS)
     expect("the unsolicited records", told(bench), [])
     expect_faults(bench, NO_FAULTS)
-    end = bench.period()
-    bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
+    bench.judge(field.period, bench.period(), lambda seen: check_play(seen, [(field.period, field.words)]))
 
 
 @pytest.mark.parametrize(("celsius", "clears"), [(80, False), (79, True)], ids=["80", "79"])
@@ -827,8 +774,7 @@ def test_a_listener_begins_with_the_first_pulse(bench: Bench, pulses_after: floa
         most = bench.line.time.monotonic() - began - (LISTENED_SECONDS if pulses_after is None else pulses_after)
         assert runs <= most + CLOCK_SECONDS, f"period 0 began {runs:.3f} s ago, should be {most:.3f} s ago at most"
         status, faults = bench.status(), Fault.SYNC if pulses_after is None else NO_FAULTS
-        expect("the faults", status.faults, faults)
-        expect("the state", status.state, State.FAULT if faults else State.OFF)
+        expect_all(status, faults=faults, state=State.FAULT if faults else State.OFF)
     finally:
         bench.levers.drive_sync()
         bench.restart(lambda: bench.order(Request.RESET))
@@ -932,8 +878,7 @@ def test_a_processor_that_does_not_answer_any_more_silences_all(bench: Bench, pl
     assert not bench.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
     deaf = (DEAF_MS + 1) * PERIODS_PER_MS
     dark = [at + 31 * PERIODS_PER_MS + deaf] * place + [at + 1] + [at + deaf] * (PROCESSORS - 1 - place)
-    end = bench.period()
-    bench.judge(at + 1, end, lambda seen: check_each_silent(seen, dark))
+    bench.judge(at + 1, bench.period(), lambda seen: check_each_silent(seen, dark))
     bench.judge(field.period, at, lambda seen: check_play(seen, [(field.period, field.words)]))
 
 
@@ -960,8 +905,7 @@ def test_a_device_without_all_its_processors_says_which_are_there(bench: Bench, 
     expect("the state after CLEAR_FAULTS", bench.status().state, State.FAULT)
     bench.wait(0.1)
     expect_there(bench, place, well)
-    end = bench.period()
-    bench.judge(0, end, check_silent)
+    bench.judge(0, bench.period(), check_silent)
 
 
 def expect_there(bench: Bench, count: int, well: ProcessorReport) -> None:
@@ -984,9 +928,7 @@ def test_a_chain_that_is_not_numbered_comes_up_with_the_next_reset(bench: Bench,
     place, well = processor_of(bench), bench.processors()[0]
     bench.levers.cause(faults.FlippedBit(message=message, processor=place, token=5, bit=1))
     bench.restart(lambda: bench.order(Request.RESET))
-    status = bench.status()
-    expect("the state", status.state, State.FAULT)
-    expect("the faults", status.faults, Fault.PROCESSOR)
+    expect_all(bench.status(), state=State.FAULT, faults=Fault.PROCESSOR)
     expect_there(bench, place, well)
     assert not bench.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
     bench.restart(lambda: bench.order(Request.RESET))
@@ -1001,11 +943,13 @@ def test_a_chain_that_is_not_numbered_comes_up_with_the_next_reset(bench: Bench,
 def check_nothing_missed(bench: Bench, before: Status) -> None:
     """Fail if a commit was missed, a message damaged, a change late, or a fault raised."""
     bench.wait(ROUND_SECONDS)
-    after = bench.status()
-    expect("the missed commits", after.missed_commits, before.missed_commits)
-    expect("the damaged messages", after.damaged_messages, before.damaged_messages)
-    expect("the late changes", after.late, before.late)
-    expect("the faults", after.faults, NO_FAULTS)
+    expect_all(
+        bench.status(),
+        missed_commits=before.missed_commits,
+        damaged_messages=before.damaged_messages,
+        late=before.late,
+        faults=NO_FAULTS,
+    )
 
 
 def queue_length(bench: Bench) -> int:
@@ -1071,9 +1015,7 @@ def test_sequences_close_to_each_other_begin_each_at_its_own_period(bench: Bench
     expect("whether they follow each other", periods, sorted(set(periods)))
     bench.wait_until(periods[-1] + 20)
     bench.wait(ROUND_SECONDS)
-    after = bench.status()
-    expect("the missed commits", after.missed_commits, before.missed_commits)
-    expect("the faults", after.faults, NO_FAULTS)
+    expect_all(bench.status(), missed_commits=before.missed_commits, faults=NO_FAULTS)
     steps = [(period, expected_words(pulses, bench.wiring)) for period, pulses in zip(periods, slots, strict=True)]
     bench.judge(first, periods[-1] + 20, lambda seen: check_play(seen, steps))
 

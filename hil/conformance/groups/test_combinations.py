@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
-from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.capture import Seen
@@ -22,20 +21,21 @@ from phasewire.hil.conformance.tools.planning import (
     check_nothing_is_read_back,
     check_rest,
     some_time,
-    store,
     store_for_plans,
 )
 from phasewire.hil.conformance.tools.player import check_in_time, in_time, is_fast
 from phasewire.hil.conformance.tools.playing import (
     PLAYS,
+    ROUND_SECONDS,
     check_falls_one_by_one,
     check_falls_silent,
+    heat,
     play,
     silent_from,
     start,
     told,
 )
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, require
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, expect_all, require
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -67,8 +67,6 @@ SUSPENDS = (Need.SUSPEND,)
 UNATTENDED = Feature.SEQUENCES | Feature.UNATTENDED
 SLOT = 9
 HOT_PERIODS = 400
-ROUND_SECONDS = 0.012
-"""Time in which the controller asks every processor (clause CHN-017) and gets the answers."""
 SHORT_MS = 10
 
 
@@ -79,16 +77,7 @@ SHORT_MS = 10
 class Ending:
     """A way to disable the outputs, after which they can be enabled again.
 
-    Parameters
-    ----------
-    happens : callable
-        Makes it happen.
-    planned : callable, optional
-        Queues, first of all, what happens at a period.
-    state : State
-        The state of the device afterwards.
-    over : callable, optional
-        Brings the device to OFF if it is not there.
+    `planned` queues before all else what happens at a period; `over` brings the device to OFF from another `state`.
     """
 
     happens: Callable[[Bench, int], None]
@@ -100,8 +89,7 @@ class Ending:
 def let_watchdog_fire(bench: Bench, _: int) -> None:
     """Give no sign of life for the shortest watchdog time."""
     bench.order(Request.WATCHDOG, SHORT_MS)
-    told_state = bench.await_unasked(1).state
-    expect("the state in the record after the watchdog has fired", told_state, State.OFF)
+    expect("the state in the record after the watchdog has fired", bench.await_unasked(1).state, State.OFF)
     bench.order(Request.WATCHDOG, LONG_MS)
 
 
@@ -110,13 +98,6 @@ def suspend(bench: Bench, _: int) -> None:
     bench.levers.suspend()
     bench.wait(0.01)
     bench.levers.resume()
-
-
-def heat(bench: Bench, _: int) -> None:
-    """Overheat a board for a while, until the controller knows."""
-    board = bench.random.randrange(bench.info.boards)
-    bench.levers.cause(HotBoard(board=board, celsius=90, periods=HOT_PERIODS))
-    bench.wait(ROUND_SECONDS)
 
 
 def cool_down(bench: Bench) -> None:
@@ -138,7 +119,7 @@ ENDINGS = {
     "set-configuration": Ending(lambda bench, _: bench.usb.set_configuration()),
     "set-interface": Ending(lambda bench, _: bench.usb.set_interface(0)),
     "suspend": Ending(suspend),
-    "fault": Ending(heat, state=State.FAULT, over=cool_down),
+    "fault": Ending(lambda bench, _: heat(bench, HOT_PERIODS), state=State.FAULT, over=cool_down),
 }
 BY_ANY_HOST = ("disable", "disabling-block", "watchdog")
 BY_USB_HOST = ("set-configuration", "set-interface")
@@ -186,24 +167,8 @@ QUEUED = ("beginnings", "ends")
 """The planned things that are queued; the others play."""
 
 
-def check_stores_are_free(bench: Bench) -> None:
-    """Fail if something that was planned is still in use (clause BLK-022)."""
-    if Feature.SEQUENCES in bench.info.features:
-        store(bench, 5)
-    if Feature.MODULATION in bench.info.features:
-        bench.must(Samples(bytes([SAMPLE]), PLACE))
-
-
 def disable_by(bench: Bench, how: str, plan: str) -> tuple[int, int]:
-    """Plan something, disable the outputs, and enable them again.
-
-    Returns
-    -------
-    since : int
-        The period from which the outputs must be silent.
-    due : int
-        The period by which all that was planned would have happened.
-    """
+    """Plan, disable and enable again; returns the period from which all is silent, and that by which all was due."""
     ending = ENDINGS[how]
     store_for_plans(bench)
     enable(bench)
@@ -223,7 +188,7 @@ def disable_by(bench: Bench, how: str, plan: str) -> tuple[int, int]:
         bench.wait_periods(SILENT_PERIODS)
         check_rest(bench.status(), bench, State.OFF, "before ENABLE")
         check_nothing_is_read_back(bench, "before ENABLE")
-        check_stores_are_free(bench)
+        store_for_plans(bench)  # nothing that was planned is still in use (clause BLK-022)
         told(bench)
         bench.enable()
     return since, due
@@ -242,12 +207,15 @@ def check_nothing_outlives(bench: Bench, how: str, plan: str) -> None:
             before = bench.status()
             expect("the state after something new begins", before.state, State.PLAYING)
     bench.wait_until(due + SETTLED)
-    after = bench.status()
-    expect("the state after the planned period", after.state, before.state)
-    expect("what plays since", after.since_period, before.since_period)
-    expect("the flags", after.flags, before.flags)
-    expect("the free places", after.free, bench.info.queue_blocks)
-    expect("the late changes", after.late, before.late)
+    expect_all(
+        bench.status(),
+        " after the planned period",
+        state=before.state,
+        since_period=before.since_period,
+        flags=before.flags,
+        free=bench.info.queue_blocks,
+        late=before.late,
+    )
     expect("the unsolicited records", [status.state for status in told(bench)], [])
     if plan == "beginnings":
         check_nothing_is_read_back(bench, "when what was planned is due")
@@ -312,8 +280,7 @@ def test_the_first_of_two_disabling_blocks_disables(bench: Bench) -> None:
     bench.wait_until(first - APART)
     seen = bench.status()
     if seen.now < first * TICKS_PER_PERIOD:
-        expect("the state before the first", seen.state, State.PLAYING)
-        expect("what plays since before the first", seen.since_period, field.period)
+        expect_all(seen, " before the first", state=State.PLAYING, since_period=field.period)
     bench.wait_until(first + 1)
     seen = bench.status()
     if seen.now >= second * TICKS_PER_PERIOD:
@@ -322,9 +289,7 @@ def test_the_first_of_two_disabling_blocks_disables(bench: Bench) -> None:
     bench.enable()
     again = play(bench)
     bench.wait_until(second + SETTLED)
-    status = bench.status()
-    expect("the state after the period of the second", status.state, State.PLAYING)
-    expect("what plays since", status.since_period, again.period)
+    expect_all(bench.status(), " after the period of the second", state=State.PLAYING, since_period=again.period)
 
 
 def begin_close_behind(bench: Bench, distance: int) -> tuple[int, Words, Words]:
@@ -409,10 +374,7 @@ def test_what_begins_right_after_enable_is_not_silenced(bench: Bench, what: str)
     pulses = bench.weak()
     began = bench.must(Update(pulses)).commit_period
     bench.wait_until(began + SETTLED)
-    status = bench.status()
-    expect("the state", status.state, State.PLAYING)
-    expect("what plays since", status.since_period, began)
-    expect("the flags", status.flags, StatusFlag(0))
+    expect_all(bench.status(), state=State.PLAYING, since_period=began, flags=StatusFlag(0))
     expect("whether PULSES answers the update", bench.read_back().pulses == pulses, True)
 
 
@@ -422,16 +384,11 @@ STORED_AT_ONCE = 14
 
 def stores(bench: Bench) -> list[Body]:
     """The largest stores, enough of them to keep the chain busy."""
+    places = [number % 8 for number in range(STORED_AT_ONCE)]
     if Feature.SEQUENCES in bench.info.features:
-        return [
-            Entries((Entry(SLOT, 1),) * ENTRIES_PER_BLOCK, ENTRIES_PER_BLOCK * (number % 8))
-            for number in range(STORED_AT_ONCE)
-        ]
+        return [Entries((Entry(SLOT, 1),) * ENTRIES_PER_BLOCK, ENTRIES_PER_BLOCK * place) for place in places]
     require(bench, Feature.MODULATION)
-    return [
-        Samples(bytes([SAMPLE]) * SAMPLES_PER_BLOCK, SAMPLES_PER_BLOCK * (number % 8))
-        for number in range(STORED_AT_ONCE)
-    ]
+    return [Samples(bytes([SAMPLE]) * SAMPLES_PER_BLOCK, SAMPLES_PER_BLOCK * place) for place in places]
 
 
 AT_ONCE = {how: ENDINGS[how].happens for how in ("disable", *BY_USB_HOST)}
@@ -481,7 +438,7 @@ def test_a_fault_silences_all_boards_whatever_plays(bench: Bench, what: str) -> 
     enable(bench)
     field = start(bench, what)
     at = bench.period()
-    heat(bench, 0)
+    heat(bench, HOT_PERIODS)
     learned = bench.await_unasked(1)
     expect("the state in the record", learned.state, State.FAULT)
     latest = learned.now // TICKS_PER_PERIOD + SILENT_PERIODS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum, IntFlag
 from typing import TypeVar
 
@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Need, NotApplicable, Risk, TooSlow, case, expect
+from phasewire.hil.conformance.cases import Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, expected_words, only
-from phasewire.hil.conformance.tools.filling import fill_queue
+from phasewire.hil.conformance.tools.exchange import fill_queue, same_but
 from phasewire.hil.conformance.tools.frames import frame, request_frame
+from phasewire.hil.conformance.tools.steps import LONG_MS, enable, expect_all, require
 from phasewire.hil.conformance.transports.serial import RawSerialLine
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -30,17 +31,7 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import (
-    AckFlag,
-    Fault,
-    Feature,
-    FrameKind,
-    Hardware,
-    Reason,
-    Request,
-    State,
-    StatusFlag,
-)
+from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Hardware, Reason, Request, State, StatusFlag
 from phasewire.protocol.replies import Ack, Status
 from phasewire.protocol.requests import Setup
 
@@ -48,7 +39,6 @@ LENGTH, CHARACTER, COMMAND, ARGUMENTS, RANGE, REFUSED = range(1, 7)
 """Codes of errors (clause CON-006)."""
 MOST_CHARACTERS = 80
 TEST_WIDTH_TICKS = 2
-LONG_WATCHDOG_MS = 60_000
 TYPED_WATCHDOG_MS = 400
 LEAVE_SECONDS = 0.3
 """After a device has said that it restarts, it answers no more."""
@@ -94,17 +84,7 @@ Answered = TypeVar("Answered")
 
 @dataclass(frozen=True)
 class ConsoleReply:
-    """The answer to a command.
-
-    Parameters
-    ----------
-    fields : tuple of (str, str)
-        Keys and values.
-    code : int or None
-        Of the error, None for ok.
-    text : str
-        Of the error.
-    """
+    """The answer to a command: its keys and values, and code and text of its error; the code is None for ok."""
 
     fields: tuple[tuple[str, str], ...]
     code: int | None
@@ -137,10 +117,11 @@ def parse(answer: str) -> ConsoleReply:
     return ConsoleReply(pairs, int(error[1]) if error else None, error[2] if error else "")
 
 
-def told(console: RawSerialLine, line: str) -> ConsoleReply:
-    """Give a command that must be carried out; returns its answer."""
-    answer = parse(console.command(line))
-    assert answer.code is None, f"{line!r} is answered with error {answer.code} {answer.text}, should be with ok"
+def told(console: RawSerialLine, *lines: str) -> ConsoleReply:
+    """Give commands that must be carried out; returns the answer to the last."""
+    for line in lines:
+        answer = parse(console.command(line))
+        assert answer.code is None, f"{line!r} is answered with error {answer.code} {answer.text}, should be with ok"
     return answer
 
 
@@ -164,14 +145,6 @@ def by_request(bench: Bench, console: RawSerialLine, ask: Callable[[], Answered]
 def status_of(bench: Bench, console: RawSerialLine) -> Status:
     """STATUS by request."""
     return by_request(bench, console, bench.status)
-
-
-def same_but(before: Status, after: Status, **changes: int) -> None:
-    """Fail if something has changed that need not; time and temperature may."""
-    wanted = asdict(replace(before, now=after.now, temperature_c=after.temperature_c))
-    wanted |= {name: wanted[name] + change for name, change in changes.items()}
-    for name, value in asdict(after).items():
-        expect(f"{name} of STATUS", value, wanted[name])
 
 
 # Contents of an answer
@@ -234,8 +207,7 @@ def test_status_tells_the_record(bench: Bench, console: RawSerialLine) -> None:
         answer = told(console, "status")
         expect("the keys of status", answer.keys, STATUS_KEYS)
         check_fields(answer.fields, before, status_of(bench, console))
-        told(console, "enable")
-        told(console, "test 0")
+        told(console, "enable", "test 0")
     assert answer["state"] == "PLAYING", f"state is {answer['state']!r} after test, should be PLAYING"
 
 
@@ -279,8 +251,7 @@ def test_pulses_tells_what_a_transducer_plays(bench: Bench, console: RawSerialLi
     pulses = bench.weak()
 
     def play() -> None:
-        bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-        bench.enable()
+        enable(bench)
         bench.wait_until(bench.must(Update(pulses)).commit_period + 1)
 
     by_request(bench, console, play)
@@ -334,16 +305,14 @@ def test_commands_do_what_requests_do(bench: Bench, console: RawSerialLine) -> N
         expect(f"the state after {command}", status_of(bench, console).state, state)
     for board in range(min(bench.info.boards, 5)):
         told(console, f"identify {board}")
-    told(console, "clear")
-    told(console, "  watchdog   0001000  ")
+    told(console, "clear", "  watchdog   0001000  ")
     expect("the watchdog time", status_of(bench, console).watchdog_ms, 1000)
 
 
 @case("CON-004/1", "CON-006", "REQ-010")
 def test_what_a_request_would_stall_is_refused(bench: Bench, console: RawSerialLine) -> None:
     """If a request would stall, its command is REFUSED and has no effect, such as `limit` while enabled."""
-    told(console, f"watchdog {LONG_WATCHDOG_MS}")
-    told(console, "enable")
+    told(console, f"watchdog {LONG_MS}", "enable")
     before = status_of(bench, console)
     for transducers in (0, 5, CHANNELS):
         refused(console, f"limit {transducers}", REFUSED)
@@ -357,28 +326,21 @@ def test_what_a_request_would_stall_is_refused(bench: Bench, console: RawSerialL
         refused(console, "pulses 0", REFUSED)
 
 
-def to_ready(bench: Bench) -> None:
-    """Enable the outputs, with time to type."""
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
-
-
 def to_playing(bench: Bench) -> None:
     """Play an update."""
-    to_ready(bench)
+    enable(bench)
     bench.wait_until(bench.must(Update(bench.weak())).commit_period + 1)
 
 
 def to_unattended(bench: Bench) -> None:
     """Play an unattended sequence."""
-    if not {Feature.SEQUENCES, Feature.UNATTENDED} <= set(bench.info.features):
-        raise NotApplicable("INFO does not name the features SEQUENCES and UNATTENDED")
-    to_ready(bench)
+    require(bench, Feature.SEQUENCES | Feature.UNATTENDED)
     play_sequence(bench, unattended=True)
 
 
 def play_sequence(bench: Bench, unattended: bool = False) -> None:
-    """Play an endless sequence."""
+    """Enable the outputs, and play an endless sequence."""
+    enable(bench)
     bench.must(Slot(3, bench.weak()))
     bench.must(Entries((Entry(3, 50),), 0))
     bench.wait_until(bench.must(PlaySequence(0, 1, unattended=unattended)).commit_period + 1)
@@ -386,7 +348,7 @@ def play_sequence(bench: Bench, unattended: bool = False) -> None:
 
 WAYS: dict[str, tuple[State, Callable[[Bench], None]]] = {
     "off": (State.OFF, lambda _: None),
-    "ready": (State.READY, to_ready),
+    "ready": (State.READY, enable),
     "playing": (State.PLAYING, to_playing),
     "unattended": (State.UNATTENDED, to_unattended),
 }
@@ -401,31 +363,14 @@ def test_stop_works_in_every_state(bench: Bench, console: RawSerialLine, state: 
     expect("the state before", told(console, "status")["state"], wanted.name)
     before = status_of(bench, console).flags & StatusFlag.WATCHDOG_FIRED  # of an earlier case, until ENABLE
     told(console, "stop")
-    status = status_of(bench, console)
-    expect("the state", status.state, State.OFF)
-    expect("what plays", status.since_period, 0)
-    expect("the flags", status.flags, before)
+    expect_all(status_of(bench, console), state=State.OFF, since_period=0, flags=before)
     refused(console, "test 1", REFUSED)
 
 
 SIGNS = ("status", "faults", "enable", "test 7")
 NO_SIGNS = (
-    "version",
-    "info",
-    "clock",
-    "boards",
-    "pulses 7",
-    "identify 0",
-    "watchdog 400",
-    "limit 5",
-    "clear",
-    "help",
-    "frames",
-    "echo 0",
-    "foo",
-    "enable 1",
-    f"test {CHANNELS}",
-    "",
+    *("version", "info", "clock", "boards", "pulses 7", "identify 0", "watchdog 400", "limit 5", "clear"),
+    *("help", "frames", "echo 0", "foo", "enable 1", f"test {CHANNELS}", ""),
 )
 
 
@@ -438,8 +383,7 @@ def test_commands_are_signs_of_life_where_requests_are(bench: Bench, console: Ra
     gap = max(after - before for before, after in zip(asked[::2], [*asked[3::2], status.now], strict=True))
     if gap >= TYPED_WATCHDOG_MS * bench.slowness * TICK_HZ // 1000:
         raise TooSlow(f"up to {gap} ticks passed between two commands, which is longer than the watchdog's time")
-    expect(f"the state, although {command!r} was repeated", status.state, State.PLAYING)
-    expect("the flags", status.flags, StatusFlag(0))
+    expect_all(status, f", although {command!r} was repeated", state=State.PLAYING, flags=StatusFlag(0))
 
 
 @case("CON-004/1", "SAF-003")
@@ -447,19 +391,11 @@ def test_commands_are_signs_of_life_where_requests_are(bench: Bench, console: Ra
 def test_other_commands_are_no_signs_of_life(bench: Bench, console: RawSerialLine, command: str) -> None:
     """Other commands, and refused lines, do not keep the outputs on: they are no signs of life."""
     type_for_long(bench, console, command)
-    status = status_of(bench, console)
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
+    expect_all(status_of(bench, console), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED)
 
 
 def type_for_long(bench: Bench, console: RawSerialLine, command: str) -> list[int]:
-    """Play a test, and repeat a command for longer than the watchdog's time.
-
-    Returns
-    -------
-    list of int
-        Ticks before and after each command.
-    """
+    """Play a test, repeat a command for longer than the watchdog's time; returns ticks before and after each."""
     asked = []
     told(console, f"watchdog {TYPED_WATCHDOG_MS * bench.slowness}")
     for line in ("enable", "test 0", *[command] * 8):
@@ -558,8 +494,7 @@ def test_a_line_that_is_wrong_is_refused(bench: Bench, console: RawSerialLine, w
 @case("CON-006")
 def test_range_comes_before_refusal(console: RawSerialLine) -> None:
     """Arguments and their range are checked before the request: the first failure gives the code."""
-    told(console, f"watchdog {LONG_WATCHDOG_MS}")
-    told(console, "enable")
+    told(console, f"watchdog {LONG_MS}", "enable")
     for line, code in (("limit", ARGUMENTS), ("limit x", ARGUMENTS), ("limit 321", RANGE), ("limit 5", REFUSED)):
         refused(console, line, code)
 
@@ -741,7 +676,7 @@ def test_one_transducer_plays_alone(bench: Bench, console: RawSerialLine, transd
 @pytest.mark.parametrize("transducer", [0, 45, CHANNELS - 1])
 def test_the_outputs_play_one_transducer(bench: Bench, console: RawSerialLine, transducer: int) -> None:
     """`test N` gives one pulse of two ticks around the beginning of the period, at the output of transducer N."""
-    by_request(bench, console, lambda: to_ready(bench))
+    by_request(bench, console, lambda: enable(bench))
     told(console, f"test {transducer}")
     wait_typing(bench, console, 0.01)
     since = status_of(bench, console).since_period
@@ -765,17 +700,12 @@ def test_a_test_is_refused_as_an_update_is(bench: Bench, console: RawSerialLine)
     assert re.match(r"DISABLED\b", text), f"the refusal before enable should begin with DISABLED, not be {text!r}"
     after = status_of(bench, console)
     same_but(before, after, refused=1, last_refusal=Reason.DISABLED - before.last_refusal)
-    told(console, f"watchdog {LONG_WATCHDOG_MS}")
-    told(console, "limit 0")
-    told(console, "enable")
+    told(console, f"watchdog {LONG_MS}", "limit 0", "enable")
     before = status_of(bench, console)
     text = refused(console, "test 17", REFUSED)
     assert re.match(r"DRIVE\b", text), f"the refusal above the limit should begin with DRIVE, not be {text!r}"
     same_but(before, status_of(bench, console), refused=1, last_refusal=Reason.DRIVE - before.last_refusal)
-    told(console, "stop")
-    told(console, "limit 1")
-    told(console, "enable")
-    told(console, "test 17")
+    told(console, "stop", "limit 1", "enable", "test 17")
 
 
 @case("CON-008", "NUM-002")
@@ -784,7 +714,7 @@ def test_a_test_has_no_number(bench: Bench, console: RawSerialLine) -> None:
     numbers = []
 
     def begin() -> None:
-        to_ready(bench)
+        enable(bench)
         numbers.append(bench.must(NoOp()).sequence)
 
     by_request(bench, console, begin)
@@ -805,12 +735,7 @@ def test_a_test_has_no_number(bench: Bench, console: RawSerialLine) -> None:
 @case("CON-008", "BLK-012", features=Feature.SEQUENCES)
 def test_a_test_ends_a_sequence(bench: Bench, console: RawSerialLine) -> None:
     """`test N` ends a sequence, as an update does, and needs no other command first."""
-
-    def begin() -> None:
-        to_ready(bench)
-        play_sequence(bench)
-
-    by_request(bench, console, begin)
+    by_request(bench, console, lambda: play_sequence(bench))
     expect("the flags before", told(console, "status")["flags"], "SEQUENCE")
     told(console, "test 17")
     wait_typing(bench, console, 0.01)
@@ -824,7 +749,7 @@ def test_a_test_leaves_the_modulation(bench: Bench, console: RawSerialLine) -> N
     """`test N` does not change a modulation, as an update does not."""
 
     def begin() -> None:
-        to_ready(bench)
+        enable(bench)
         bench.must(Samples(bytes([255, 128]), 0))
         bench.wait_until(bench.must(AmplitudeModulation(0, 2, 100)).commit_period + 1)
 
@@ -839,14 +764,9 @@ def test_a_test_leaves_the_modulation(bench: Bench, console: RawSerialLine) -> N
 @case("CON-008", "SAF-003")
 def test_the_watchdog_silences_a_test(bench: Bench, console: RawSerialLine) -> None:
     """A test ends when the watchdog fires, so that it does not go on after its person has left."""
-    told(console, "watchdog 300")
-    told(console, "enable")
-    told(console, "test 17")
+    told(console, "watchdog 300", "enable", "test 17")
     wait_typing(bench, console, 0.5)
-    status = status_of(bench, console)
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
-    expect("what plays", status.since_period, 0)
+    expect_all(status_of(bench, console), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED, since_period=0)
 
 
 @case("CON-008", "SER-011")
@@ -855,11 +775,8 @@ def test_a_test_does_not_wait_for_room(bench: Bench, console: RawSerialLine) -> 
     by_request(bench, console, lambda: fill_queue(bench, 4))
     before = status_of(bench, console)
     refused(console, "test 17", REFUSED)
-    after = status_of(bench, console)
-    expect("the count of accepted blocks", after.accepted, before.accepted)
-    expect("the free places", after.free, 0)
-    told(console, "stop")
-    told(console, "enable")
+    expect_all(status_of(bench, console), accepted=before.accepted, free=0)
+    told(console, "stop", "enable")
     wait_typing(bench, console, 0.01)
     expect("what plays after there is room", status_of(bench, console).since_period, 0)
 
@@ -908,8 +825,7 @@ def test_frames_that_meet_a_console_lead_to_frames(bench: Bench, console: RawSer
 def test_reset_is_answered_and_then_carried_out(bench: Bench, console: RawSerialLine) -> None:
     """`reset` is answered with ok, then the device starts with fresh counts and sends nothing by itself."""
     refused(console, "reset 1", ARGUMENTS)
-    told(console, "watchdog 9999")
-    told(console, "enable")
+    told(console, "watchdog 9999", "enable")
     old = by_request(bench, console, bench.clock).now
     told(console, "reset")
     bench.restart(lambda: bench.wait(LEAVE_SECONDS))
@@ -917,9 +833,7 @@ def test_reset_is_answered_and_then_carried_out(bench: Bench, console: RawSerial
         console.assume_console()
     now, status = bench.clock().now, bench.status()
     assert now < old + TICK_HZ * LEAVE_SECONDS, f"tick {now} is no beginning of time after tick {old}"
-    expect("the state", status.state, State.OFF)
-    expect("the watchdog time", status.watchdog_ms, bench.info.watchdog_ms)
-    expect("the count of accepted blocks", status.accepted, 0)
+    expect_all(status, state=State.OFF, watchdog_ms=bench.info.watchdog_ms, accepted=0)
     if bench.line.kind == "usb":
         expect("what a console sends when it starts", console.rest(), b"")
         console.wire.set_dtr(True)
@@ -935,10 +849,7 @@ def test_dfu_leads_to_dfu_mode(bench: Bench, console: RawSerialLine) -> None:
     if Feature.DFU not in bench.info.features:
         refused(console, "dfu", REFUSED)
         return
-    told(console, f"watchdog {LONG_WATCHDOG_MS}")
-    told(console, "enable")
-    told(console, "test 3")
-    told(console, "dfu")
+    told(console, f"watchdog {LONG_MS}", "enable", "test 3", "dfu")
 
     def upgrade_nothing() -> None:
         bench.usb.wait_for("DFU", bench.return_seconds)
@@ -946,9 +857,7 @@ def test_dfu_leads_to_dfu_mode(bench: Bench, console: RawSerialLine) -> None:
 
     bench.restart(upgrade_nothing)
     console.assume_console()
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("the faults", status.faults, Fault(0))
+    expect_all(bench.status(), state=State.OFF, faults=Fault(0))
 
 
 # Faults
@@ -964,8 +873,7 @@ def test_a_silencing_fault_refuses_commands(bench: Bench, console: RawSerialLine
     refused(console, "enable", REFUSED)
     text = refused(console, "test 5", REFUSED)
     assert re.match(r"FAULT\b", text), f"the refusal of test should begin with FAULT, not be {text!r}"
-    told(console, "stop")
-    told(console, "clear")
+    told(console, "stop", "clear")
     expect("the state while the cause is there", told(console, "status")["state"], "FAULT")
     bench.wait(0.3)
     expect("faults after the cause is gone", told(console, "faults").fields, (("faults", "SUPPLY"),))

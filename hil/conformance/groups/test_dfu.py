@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from math import ceil
 
@@ -68,6 +68,13 @@ DRAWN = {
 DEAF = (DNBUSY, MANIFEST)
 
 
+@pytest.fixture
+def line(bench: Bench) -> Iterator[RawDfuLine]:
+    """A device in DFU mode, returned to run-time mode however the case ends."""
+    with dfu_mode(bench) as line:
+        yield line
+
+
 class Walk:
     """A device in DFU mode, a large image, and the way to each state."""
 
@@ -122,14 +129,7 @@ class Walk:
 
 
 REQUESTS = (
-    "DETACH",
-    "DNLOAD",
-    "DNLOAD_END",
-    "UPLOAD",
-    "GETSTATUS",
-    "CLRSTATUS",
-    "GETSTATE",
-    "ABORT",
+    *("DETACH", "DNLOAD", "DNLOAD_END", "UPLOAD", "GETSTATUS", "CLRSTATUS", "GETSTATE", "ABORT"),
     "an unknown request",
 )
 STATES = (IDLE, SYNC, DNBUSY, DNLOAD_IDLE, MANIFEST_SYNC, MANIFEST, UPLOAD_IDLE, ERROR)
@@ -137,32 +137,33 @@ STATES = (IDLE, SYNC, DNBUSY, DNLOAD_IDLE, MANIFEST_SYNC, MANIFEST, UPLOAD_IDLE,
 
 @pytest.mark.parametrize("state", STATES, ids=lambda state: state.name.lower().replace("_", "-"))
 @flashing("DFU-006", "DFU-004", "DFU-003")
-def test_every_request_in_every_state_leads_where_the_diagram_says(bench: Bench, state: DfuState) -> None:
+def test_every_request_in_every_state_leads_where_the_diagram_says(
+    bench: Bench, line: RawDfuLine, state: DfuState
+) -> None:
     """Each request in this state leads to the specified state, or is answered with STALL and leads to dfuERROR."""
-    with dfu_mode(bench) as line:
-        walk = Walk(line, large_image(line))
-        own = line.image()
-        for request in REQUESTS:
-            line.rest()
-            walk.reach(state)
-            if (state, request) == (UPLOAD_IDLE, "UPLOAD") and len(own) < BLOCK:
-                continue  # the first block completes it, and there is no second
-            began = bench.line.time.monotonic()
-            answered = walk.ask(request, state)
-            drawn = DRAWN.get((state, request))
-            asks = request in ("GETSTATUS", "GETSTATE") and state not in DEAF
-            expect(f"whether {request} in {state.name} is answered", answered, drawn is not None or asks)
-            after = ERROR if not answered else drawn if drawn is not None else state
-            if (state, request) == (UPLOAD_IDLE, "UPLOAD") and len(own) < 2 * BLOCK:
-                after = IDLE
-            if after in DEAF:  # the answer named that time, and asking earlier is an error
-                line.wait(1)
-                told = line.state()
-                if told is not None and bench.line.time.monotonic() - began > LEAST_BUSY_SECONDS:
-                    raise TooSlow(f"the line was too slow: {after.name} had ended when the device was asked")
-                expect(f"whether GETSTATE is answered in {after.name}", told, None)
-                after = ERROR
-            expect(f"the state after {request} in {state.name}", line.state(), after)
+    walk = Walk(line, large_image(line))
+    own = line.image()
+    for request in REQUESTS:
+        line.rest()
+        walk.reach(state)
+        if (state, request) == (UPLOAD_IDLE, "UPLOAD") and len(own) < BLOCK:
+            continue  # the first block completes it, and there is no second
+        began = bench.line.time.monotonic()
+        answered = walk.ask(request, state)
+        drawn = DRAWN.get((state, request))
+        asks = request in ("GETSTATUS", "GETSTATE") and state not in DEAF
+        expect(f"whether {request} in {state.name} is answered", answered, drawn is not None or asks)
+        after = ERROR if not answered else drawn if drawn is not None else state
+        if (state, request) == (UPLOAD_IDLE, "UPLOAD") and len(own) < 2 * BLOCK:
+            after = IDLE
+        if after in DEAF:  # the answer named that time, and asking earlier is an error
+            line.wait(1)
+            told = line.state()
+            if told is not None and bench.line.time.monotonic() - began > LEAST_BUSY_SECONDS:
+                raise TooSlow(f"the line was too slow: {after.name} had ended when the device was asked")
+            expect(f"whether GETSTATE is answered in {after.name}", told, None)
+            after = ERROR
+        expect(f"the state after {request} in {state.name}", line.state(), after)
 
 
 @flashing("DFU-006", "USB-024")
@@ -270,28 +271,21 @@ def test_detach_silences_the_outputs_for_as_long_as_dfu_mode_lasts(bench: Bench)
 
 
 @flashing("DFU-008/1", "DFU-007", "DFU-008")
-def test_the_poll_times_are_those_of_the_flash(bench: Bench) -> None:
+def test_the_poll_times_are_those_of_the_flash(line: RawDfuLine) -> None:
     """Block 0 takes 128 ms, other even blocks 68 ms, odd ones 8 ms, and only a busy answer names a time."""
-    with dfu_mode(bench) as line:
-        image = large_image(line)
-        for number in range(4):
-            idle = line.status()
-            expect("poll time in an idle state", idle and idle.poll_ms, 0)
-            busy = busy_with(line, image, number)
-            expect(f"poll time of block {number}", busy.poll_ms, 128 if number == 0 else 8 if number % 2 else 68)
-            line.wait(busy.poll_ms)
-            reply = line.poll()
-            expect("the answer after it", (reply.state, reply.poll_ms, reply.status), (DNLOAD_IDLE, 0, DfuStatus.OK))
+    image = large_image(line)
+    for number in range(4):
+        idle = line.status()
+        expect("poll time in an idle state", idle and idle.poll_ms, 0)
+        busy = busy_with(line, image, number)
+        expect(f"poll time of block {number}", busy.poll_ms, 128 if number == 0 else 8 if number % 2 else 68)
+        line.wait(busy.poll_ms)
+        reply = line.poll()
+        expect("the answer after it", (reply.state, reply.poll_ms, reply.status), (DNLOAD_IDLE, 0, DfuStatus.OK))
 
 
 def busy_with(line: RawDfuLine, image: bytes, number: int) -> DfuReply:
-    """Send a block; returns the device's answer while it is busy with it.
-
-    Raises
-    ------
-    TooSlow
-        If the answer came so late that the block could have been written by then.
-    """
+    """Send a block; returns the answer while the device is busy, inconclusive if the block may be written by then."""
     line.download(number, image[BLOCK * number :][:BLOCK])
     busy = line.status()
     passed = line.since_download
@@ -303,69 +297,66 @@ def busy_with(line: RawDfuLine, image: bytes, number: int) -> DfuReply:
 
 
 @flashing("DFU-008/2")
-def test_the_busy_state_ends_with_its_poll_time(bench: Bench) -> None:
+def test_the_busy_state_ends_with_its_poll_time(line: RawDfuLine) -> None:
     """A device answers as soon as its poll time is over: a host that waits that long must not meet a STALL."""
-    with dfu_mode(bench) as line:
-        image = large_image(line)
-        for number in range(3):
-            line.wait(busy_with(line, image, number).poll_ms)
-            expect("the state after the time is over", line.state(), SYNC)
-            line.poll()
-        line.send(image, 3)
-        line.download(0, b"")
-        busy = line.status()
-        assert busy is not None, "GETSTATUS after the end of the download is answered with STALL"
-        expect("the state", busy.state, MANIFEST)
-        expect("its poll time", busy.poll_ms, 2500)
-        line.wait(busy.poll_ms)
-        expect("the state after the time is over", line.state(), MANIFEST_SYNC)
+    image = large_image(line)
+    for number in range(3):
+        line.wait(busy_with(line, image, number).poll_ms)
+        expect("the state after the time is over", line.state(), SYNC)
         line.poll()
+    line.send(image, 3)
+    line.download(0, b"")
+    busy = line.status()
+    assert busy is not None, "GETSTATUS after the end of the download is answered with STALL"
+    expect("the state", busy.state, MANIFEST)
+    expect("its poll time", busy.poll_ms, 2500)
+    line.wait(busy.poll_ms)
+    expect("the state after the time is over", line.state(), MANIFEST_SYNC)
+    line.poll()
 
 
 @flashing("DFU-009", "DFU-006")
-def test_blocks_out_of_turn_are_refused_with_address(bench: Bench) -> None:
+def test_blocks_out_of_turn_are_refused_with_address(line: RawDfuLine) -> None:
     """A wrong block number, a short block before the end, a block too long or too many ends the download (ADDRESS)."""
-    with dfu_mode(bench) as line:
-        image = large_image(line)
-        last = (len(image) - 1) // BLOCK
-        tries: list[tuple[str, int, Callable[[], bool]]] = [
-            ("a download that begins with block 1", 0, lambda: line.download(1, image[:BLOCK])),
-            ("block 2 after block 0", 1, lambda: line.download(2, image[BLOCK : 2 * BLOCK])),
-            ("block 0 twice", 1, lambda: line.download(0, image[:BLOCK])),
-            ("a short block", 1, lambda: line.download(1, image[BLOCK : 2 * BLOCK - 4])),
-            ("a last block that is too long", last, lambda: line.download(last, image[BLOCK * last :] + bytes(4))),
-            ("a block after the last", last + 1, lambda: line.download(last + 1, bytes(4))),
-        ]
-        for what, blocks, send in tries:
-            line.rest()
-            if blocks:
-                expect("the state before it", line.send(image, 0, blocks).state, DNLOAD_IDLE)
-            assert not send(), f"{what} is not answered with STALL"
-            _expect_error(line, DfuStatus.ADDRESS, what)
+    image = large_image(line)
+    last = (len(image) - 1) // BLOCK
+    tries: list[tuple[str, int, Callable[[], bool]]] = [
+        ("a download that begins with block 1", 0, lambda: line.download(1, image[:BLOCK])),
+        ("block 2 after block 0", 1, lambda: line.download(2, image[BLOCK : 2 * BLOCK])),
+        ("block 0 twice", 1, lambda: line.download(0, image[:BLOCK])),
+        ("a short block", 1, lambda: line.download(1, image[BLOCK : 2 * BLOCK - 4])),
+        ("a last block that is too long", last, lambda: line.download(last, image[BLOCK * last :] + bytes(4))),
+        ("a block after the last", last + 1, lambda: line.download(last + 1, bytes(4))),
+    ]
+    for what, blocks, send in tries:
+        line.rest()
+        if blocks:
+            expect("the state before it", line.send(image, 0, blocks).state, DNLOAD_IDLE)
+        assert not send(), f"{what} is not answered with STALL"
+        _expect_error(line, DfuStatus.ADDRESS, what)
 
 
 @pytest.mark.parametrize("how", ["clrstatus", "abort", "end"])
 @flashing("DFU-009", "DFU-006")
-def test_each_download_begins_with_block_0(bench: Bench, how: str) -> None:
+def test_each_download_begins_with_block_0(line: RawDfuLine, how: str) -> None:
     """After a download that failed, was cancelled or was completed, the next one must begin with block 0."""
-    with dfu_mode(bench) as line:
-        image = large_image(line)
-        last = (len(image) - 1) // BLOCK
-        for blocks in (1, 2, last):
-            expect("the state before it", line.send(image, 0, blocks).state, DNLOAD_IDLE)
-            if how == "clrstatus":
-                assert not line.download(blocks + 1, image[:BLOCK]), "a block out of turn is not answered with STALL"
-                assert line.clear(), "CLRSTATUS in dfuERROR is answered with STALL"
-            elif how == "abort":
-                assert line.abort(), "ABORT between two blocks is answered with STALL"
-            else:
-                line.send(image, blocks)
-                expect("the state at its end", line.end().state, IDLE)
-            for number in (blocks, 1):
-                taken = line.download(number, image[BLOCK * number :][:BLOCK])
-                assert not taken, f"block {number} at first, after {blocks} of a download, is not answered with STALL"
-                _expect_error(line, DfuStatus.ADDRESS, f"a download that begins with block {number}")
-                line.rest()
+    image = large_image(line)
+    last = (len(image) - 1) // BLOCK
+    for blocks in (1, 2, last):
+        expect("the state before it", line.send(image, 0, blocks).state, DNLOAD_IDLE)
+        if how == "clrstatus":
+            assert not line.download(blocks + 1, image[:BLOCK]), "a block out of turn is not answered with STALL"
+            assert line.clear(), "CLRSTATUS in dfuERROR is answered with STALL"
+        elif how == "abort":
+            assert line.abort(), "ABORT between two blocks is answered with STALL"
+        else:
+            line.send(image, blocks)
+            expect("the state at its end", line.end().state, IDLE)
+        for number in (blocks, 1):
+            taken = line.download(number, image[BLOCK * number :][:BLOCK])
+            assert not taken, f"block {number} at first, after {blocks} of a download, is not answered with STALL"
+            _expect_error(line, DfuStatus.ADDRESS, f"a download that begins with block {number}")
+            line.rest()
 
 
 def _expect_error(line: RawDfuLine, status: DfuStatus, what: str, string: int | None = 0) -> None:
@@ -377,70 +368,62 @@ def _expect_error(line: RawDfuLine, status: DfuStatus, what: str, string: int | 
 
 
 @flashing("DFU-009", "DFU-005")
-def test_a_download_must_not_end_early(bench: Bench) -> None:
+def test_a_download_must_not_end_early(line: RawDfuLine) -> None:
     """DNLOAD without data before the last block gives NOTDONE, in dfuIDLE STALLEDPKT: half an image is no image."""
-    with dfu_mode(bench) as line:
-        image = large_image(line)
-        assert not line.download(0, b""), "a download of nothing is not answered with STALL"
-        _expect_error(line, DfuStatus.STALLEDPKT, "a download of nothing")
-        line.rest()
-        line.send(image, 0, 2)
-        assert not line.download(2, b""), "an early end is not answered with STALL"
-        _expect_error(line, DfuStatus.NOTDONE, "an early end")
+    image = large_image(line)
+    assert not line.download(0, b""), "a download of nothing is not answered with STALL"
+    _expect_error(line, DfuStatus.STALLEDPKT, "a download of nothing")
+    line.rest()
+    line.send(image, 0, 2)
+    assert not line.download(2, b""), "an early end is not answered with STALL"
+    _expect_error(line, DfuStatus.NOTDONE, "an early end")
 
 
 @flashing("DFU-006")
-def test_the_first_failure_is_the_one_that_is_told(bench: Bench) -> None:
+def test_the_first_failure_is_the_one_that_is_told(line: RawDfuLine) -> None:
     """In dfuERROR the status stays that of the first failure, until CLRSTATUS resets it to OK."""
-    with dfu_mode(bench) as line:
-        assert not line.download(5, large_image(line)[:BLOCK]), "block 5 at first is not answered with STALL"
-        assert not line.abort(), "ABORT in dfuERROR is not answered with STALL"
-        assert not line.download(0, b""), "DNLOAD in dfuERROR is not answered with STALL"
-        _expect_error(line, DfuStatus.ADDRESS, "more refusals")
-        assert line.clear(), "CLRSTATUS in dfuERROR is answered with STALL"
-        reply = line.status()
-        expect("the answer after CLRSTATUS", reply and (reply.state, reply.status), (IDLE, DfuStatus.OK))
+    assert not line.download(5, large_image(line)[:BLOCK]), "block 5 at first is not answered with STALL"
+    assert not line.abort(), "ABORT in dfuERROR is not answered with STALL"
+    assert not line.download(0, b""), "DNLOAD in dfuERROR is not answered with STALL"
+    _expect_error(line, DfuStatus.ADDRESS, "more refusals")
+    assert line.clear(), "CLRSTATUS in dfuERROR is answered with STALL"
+    reply = line.status()
+    expect("the answer after CLRSTATUS", reply and (reply.state, reply.status), (IDLE, DfuStatus.OK))
 
 
 @flashing("DFU-010", "DFU-012", "FWU-015", "FWU-001", "DFU-009")
-def test_a_first_block_that_is_no_header_is_refused_for_its_length(bench: Bench) -> None:
+def test_a_first_block_that_is_no_header_is_refused_for_its_length(line: RawDfuLine) -> None:
     """A first block shorter than header and table is refused with LENGTH before anything is erased."""
-    with dfu_mode(bench) as line:
-        own = line.image()
+    own = line.own_image()
+    for size in (1, 31, 32, 127):
+        assert not line.download(0, own[:size]), f"a first block of {size} bytes is not answered with STALL"
+        _expect_error(line, DfuStatus.FILE, f"a first block of {size} bytes", 16 + ImageReason.LENGTH)
         line.rest()
-        for size in (1, 31, 32, 127):
-            assert not line.download(0, own[:size]), f"a first block of {size} bytes is not answered with STALL"
-            _expect_error(line, DfuStatus.FILE, f"a first block of {size} bytes", 16 + ImageReason.LENGTH)
-            line.rest()
-        expect("the image that would boot next", line.image(), own)
+    expect("the image that would boot next", line.image(), own)
 
 
 @pytest.mark.parametrize("forgery", Forgery.of_headers(), ids=str)
 @flashing("DFU-010", "DFU-012", "FWU-015", "FWU-004", "FWU-005", "FWU-007", "FWU-008", "FWU-009")
-def test_a_wrong_header_is_refused_with_the_first_block(bench: Bench, forgery: Forgery) -> None:
+def test_a_wrong_header_is_refused_with_the_first_block(line: RawDfuLine, forgery: Forgery) -> None:
     """An image with this defect in header or table is refused after block 0, with the reason in words."""
-    with dfu_mode(bench) as line:
-        own = line.image()
-        line.rest()
-        wrong = forgery.of(own)
-        line.download(0, wrong[:BLOCK])
-        _expect_reason(line, line.poll, forgery.reason)
-        line.rest()
-        expect("the image that would boot next", line.image(), own)
+    own = line.own_image()
+    wrong = forgery.of(own)
+    line.download(0, wrong[:BLOCK])
+    _expect_reason(line, line.poll, forgery.reason)
+    line.rest()
+    expect("the image that would boot next", line.image(), own)
 
 
 @pytest.mark.parametrize("forgery", Forgery.of_contents(), ids=str)
 @flashing("DFU-011", "DFU-012", "FWU-015", "FWU-009", "FWU-010", "FWU-011")
-def test_a_wrong_image_is_refused_when_it_has_come(bench: Bench, forgery: Forgery) -> None:
+def test_a_wrong_image_is_refused_when_it_has_come(line: RawDfuLine, forgery: Forgery) -> None:
     """An image with this defect after its header ends manifestation in dfuERROR, with the reason in words."""
-    with dfu_mode(bench) as line:
-        own = line.image()
-        line.rest()
-        line.send(forgery.of(own))
-        line.download(0, b"")
-        _expect_reason(line, line.poll, forgery.reason)
-        line.rest()
-        expect("the image that would boot next", line.image(), own)
+    own = line.own_image()
+    line.send(forgery.of(own))
+    line.download(0, b"")
+    _expect_reason(line, line.poll, forgery.reason)
+    line.rest()
+    expect("the image that would boot next", line.image(), own)
 
 
 def _expect_reason(line: RawDfuLine, poll: Callable[[], object], reason: ImageReason) -> None:
@@ -451,44 +434,42 @@ def _expect_reason(line: RawDfuLine, poll: Callable[[], object], reason: ImageRe
 
 
 @flashing("DFU-014", "DFU-006")
-def test_an_upload_gives_the_image_block_by_block(bench: Bench) -> None:
+def test_an_upload_gives_the_image_block_by_block(line: RawDfuLine) -> None:
     """UPLOAD answers 2048 bytes a block, the last shorter, the same each time, and accepts no other number."""
-    with dfu_mode(bench) as line:
-        own = line.image()
-        expect("the state after the last block", line.state(), IDLE if len(own) >= BLOCK else UPLOAD_IDLE)
+    own = line.image()
+    expect("the state after the last block", line.state(), IDLE if len(own) >= BLOCK else UPLOAD_IDLE)
+    line.rest()
+    expect("its magic", own[:4], b"PWFW")
+    expect("its size, as its header says", len(own), int.from_bytes(own[12:16], "little"))
+    expect("the bytes of a second upload", line.image(), own)
+    line.rest()
+    for what, number, length in (
+        ("an upload that begins with block 1", 1, BLOCK),
+        ("an upload of 1024 bytes", 0, 1024),
+        ("an upload of 4096 bytes", 0, 4096),
+    ):
+        expect(what, line.upload(number, length), None)
+        _expect_error(line, DfuStatus.ADDRESS, what)
         line.rest()
-        expect("its magic", own[:4], b"PWFW")
-        expect("its size, as its header says", len(own), int.from_bytes(own[12:16], "little"))
-        expect("the bytes of a second upload", line.image(), own)
+    line.upload(0)
+    if line.state() is UPLOAD_IDLE:
+        expect("block 0 after block 0", line.upload(0), None)
+        _expect_error(line, DfuStatus.ADDRESS, "block 0 twice")
         line.rest()
-        for what, number, length in (
-            ("an upload that begins with block 1", 1, BLOCK),
-            ("an upload of 1024 bytes", 0, 1024),
-            ("an upload of 4096 bytes", 0, 4096),
-        ):
-            expect(what, line.upload(number, length), None)
-            _expect_error(line, DfuStatus.ADDRESS, what)
-            line.rest()
-        line.upload(0)
-        if line.state() is UPLOAD_IDLE:
-            expect("block 0 after block 0", line.upload(0), None)
-            _expect_error(line, DfuStatus.ADDRESS, "block 0 twice")
-            line.rest()
 
 
 @flashing("DFU-014", "DFU-006")
-def test_an_upload_of_whole_blocks_ends_with_an_empty_one(bench: Bench) -> None:
+def test_an_upload_of_whole_blocks_ends_with_an_empty_one(line: RawDfuLine) -> None:
     """If the image's last block is full, an empty answer ends the upload; otherwise the host would wait for more."""
-    with dfu_mode(bench) as line:
-        own = large_image(line)
-        image = of_whole_blocks(own)
-        line.flash(image)
-        for number in range(len(image) // BLOCK):
-            expect(f"block {number}", line.upload(number), image[BLOCK * number :][:BLOCK])
-        expect("the state after the last full block", line.state(), UPLOAD_IDLE)
-        expect("the answer after it", line.upload(len(image) // BLOCK), b"")
-        expect("the state at the end", line.state(), IDLE)
-        line.flash(own)
+    own = large_image(line)
+    image = of_whole_blocks(own)
+    line.flash(image)
+    for number in range(len(image) // BLOCK):
+        expect(f"block {number}", line.upload(number), image[BLOCK * number :][:BLOCK])
+    expect("the state after the last full block", line.state(), UPLOAD_IDLE)
+    expect("the answer after it", line.upload(len(image) // BLOCK), b"")
+    expect("the state at the end", line.state(), IDLE)
+    line.flash(own)
 
 
 @restarting("DFU-015", "DFU-016")
@@ -505,19 +486,16 @@ def test_a_device_waits_for_a_bus_reset_in_dfu_mode(bench: Bench) -> None:
 
 
 @flashing("DFU-016", "DFU-006", needs=(Need.SUSPEND,))
-def test_a_suspended_bus_leaves_a_download_where_it_is(bench: Bench) -> None:
+def test_a_suspended_bus_leaves_a_download_where_it_is(bench: Bench, line: RawDfuLine) -> None:
     """A host that sleeps in the middle of a download finds it unchanged: the next block is accepted."""
-    with dfu_mode(bench) as line:
-        image = line.image()
-        reply = line.send(image, last=1)
-        expect("the state after the first block", reply.state, DfuState.DNLOAD_IDLE)
-        bench.levers.suspend()
-        bench.wait(0.1)
-        bench.levers.resume()
-        expect("the state after the bus was suspended", line.state(), DfuState.DNLOAD_IDLE)
-        line.send(image, first=1)
-        reply = line.end()
-        expect("the state after manifestation", reply.state, DfuState.DFU_IDLE)
+    image = line.image()
+    expect("the state after the first block", line.send(image, last=1).state, DfuState.DNLOAD_IDLE)
+    bench.levers.suspend()
+    bench.wait(0.1)
+    bench.levers.resume()
+    expect("the state after the bus was suspended", line.state(), DfuState.DNLOAD_IDLE)
+    line.send(image, first=1)
+    expect("the state after manifestation", line.end().state, DfuState.DFU_IDLE)
 
 
 @restarting("DFU-015")
@@ -553,8 +531,7 @@ def test_a_failure_of_the_flash_is_told_as_what_it_is(bench: Bench, status: DfuS
         DfuStatus.VERIFY: faults.StuckFlashBit(address=address, bit=0, value=1, periods=400_000),
     }[status]
     with dfu_mode(bench) as line:
-        own = line.image()
-        line.rest()
+        own = line.own_image()
         bench.levers.cause(spoil)
         line.download(0, large_image(line)[:BLOCK])
         line.poll()

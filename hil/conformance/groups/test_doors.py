@@ -25,12 +25,13 @@ from phasewire.hil.conformance.tools.exchange import (
     statuses,
 )
 from phasewire.hil.conformance.tools.frames import frame
-from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, soon
+from phasewire.hil.conformance.tools.player import soon
 from phasewire.hil.conformance.tools.playing import check_falls_silent, judge_silence_since, reach
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
     enable,
+    expect_all,
     forge,
     heavy,
     let_stores_go,
@@ -52,7 +53,7 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import CHANNELS, TICKS_PER_PERIOD
-from phasewire.protocol.codes import Action, Fault, Feature, FrameKind, Reason, Request, State
+from phasewire.protocol.codes import PROMISED_PERIODS, Action, Fault, Feature, FrameKind, Reason, Request, State
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import Ack, Status
 
@@ -227,9 +228,7 @@ def check_judged(bench: Bench, line: RawSerialLine, before: Status) -> None:
     order(line, Request.DISABLE)
     line.rest()
     expect("the acknowledgements on the line", acks(line), [])
-    after = bench.status()
-    expect("the count of accepted blocks", after.accepted, before.accepted + 1)
-    expect("the count of dropped frames", after.dropped_frames, before.dropped_frames)
+    expect_all(bench.status(), accepted=before.accepted + 1, dropped_frames=before.dropped_frames)
 
 
 @case("SER-011", "SAF-003")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import pytest
 from phasewire.base.errors import DeviceError, DeviceStalledError
@@ -13,22 +12,12 @@ from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.dfu import RawDfuLine
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.player import soon
+from phasewire.hil.conformance.tools.steps import LONG_MS, enable, expect_all, known, store_entry
 from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.hil.conformance.transports.usb import CONSOLE_IN, CONSOLE_OUT
 from phasewire.hil.traffic.traffic import Traffic
 from phasewire.host.transports.usb_find import DFU_MODE
-from phasewire.protocol.blocks import (
-    AmplitudeModulation,
-    Body,
-    Entries,
-    Entry,
-    NoOp,
-    PlaySequence,
-    Samples,
-    Slot,
-    Update,
-    pack,
-)
+from phasewire.protocol.blocks import AmplitudeModulation, NoOp, PlaySequence, Samples, Update, pack
 from phasewire.protocol.board import CARRIER_HZ
 from phasewire.protocol.codes import (
     BLOCK_BYTES,
@@ -49,14 +38,12 @@ BLOCKS_OUT, RECORDS_IN, NOTIFICATIONS_IN = 0x01, 0x81, 0x82
 ENDPOINTS = (BLOCKS_OUT, RECORDS_IN, NOTIFICATIONS_IN, CONSOLE_OUT, CONSOLE_IN)
 ARRAY, CONSOLE, CONSOLE_DATA, FIRMWARE = 0, 1, 2, 3
 SOON = 5.0
-"""For what comes at once, with a margin for a busy computer."""
 """Seconds within which a device that can answer has answered, however slow the host is."""
 COMMAND_SECONDS = 0.05
 """Time for a command of the console; clause SER-013 allows 20 ms until its answer begins."""
 LONG_READ = 10.0
 QUIET = 0.03
 """Seconds in which an unwanted transfer would have come."""
-LONG_WATCHDOG_MS = 10_000
 LINE_CODING_AT_FIRST = bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8])
 """115 200 baud, one stop bit, no parity, eight bits (clause USB-023)."""
 MOST_TYPED = 80
@@ -73,19 +60,11 @@ def halt(bench: Bench, endpoint: int) -> None:
     assert answer is not None, f"SET_FEATURE of ENDPOINT_HALT for endpoint {endpoint:02X} is answered with STALL"
 
 
-def is_halted(bench: Bench, endpoint: int) -> bool:
-    """The answer to GET_STATUS."""
-    answer = bench.request(Setup(0x82, 0, 0, endpoint, 2))
-    assert answer in (b"\x00\x00", b"\x01\x00"), (
-        f"the status of endpoint {endpoint:02X} is {answer!r}, should be 00 00 or 01 00"
-    )
-    return answer == b"\x01\x00"
-
-
 def expect_halts(bench: Bench, *halted: int) -> None:
     """These endpoints are halted, and no others."""
-    found = [f"{endpoint:02X}" for endpoint in ENDPOINTS if is_halted(bench, endpoint)]
-    expect("the list of halted endpoints", found, [f"{endpoint:02X}" for endpoint in ENDPOINTS if endpoint in halted])
+    for endpoint in ENDPOINTS:
+        answer = bench.request(Setup(0x82, 0, 0, endpoint, 2))
+        expect(f"the status of endpoint {endpoint:02X}", answer, bytes([endpoint in halted, 0]))
 
 
 def expect_stall(what: str, transfer: Callable[[], object]) -> None:
@@ -103,16 +82,6 @@ def write(bench: Bench, data: bytes) -> None:
     expect("the count of bytes that were taken", bench.usb.write(BLOCKS_OUT, data, SOON), len(data))
 
 
-def is_full_speed(bench: Bench) -> bool:
-    """Whether a block takes several packets."""
-    return bench.usb.bulk_bytes < BLOCK_BYTES
-
-
-def without_watchdog(bench: Bench) -> None:
-    """Set a watchdog time longer than any case."""
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-
-
 def leave_records(bench: Bench, count: int) -> list[int]:
     """Send so many blocks and do not read their records; returns their numbers."""
     before = bench.status().accepted
@@ -126,8 +95,7 @@ def leave_records(bench: Bench, count: int) -> list[int]:
 
 def let_watchdog_fire(bench: Bench) -> None:
     """Make an unsolicited status record wait."""
-    bench.order(Request.WATCHDOG, 10)
-    bench.enable()
+    enable(bench, 10)
     bench.outlast(0.02)
 
 
@@ -143,10 +111,7 @@ def read_records(bench: Bench, size: int = 32 * BLOCK_BYTES) -> list[Ack | Statu
 
 
 def read_numbers(bench: Bench, count: int) -> list[int]:
-    """Read so many acknowledgements, in as many transfers as they take, each of which must end by itself.
-
-    A fast device has its first packet ready before the other records wait.
-    """
+    """Read so many acknowledgements, in as many transfers as it takes: the first may begin before the others wait."""
     found: list[int] = []
     while len(found) < count:
         found += numbers(read_records(bench))
@@ -218,8 +183,7 @@ def test_the_halt_of_one_endpoint_ends_alone(bench: Bench, endpoint: int) -> Non
 @case("USB-015", line="usb")
 def test_what_plays_goes_on_while_01_out_is_halted(bench: Bench) -> None:
     """A halt of 01 OUT only keeps blocks out: what plays, what is queued and the numbering go on."""
-    without_watchdog(bench)
-    bench.enable()
+    enable(bench)
     first = bench.must(Update(bench.weak()))
     second = bench.must(Update(bench.weak(), soon(bench)))
     bench.wait_until(first.commit_period)
@@ -229,17 +193,12 @@ def test_what_plays_goes_on_while_01_out_is_halted(bench: Bench) -> None:
         expect("the state while 01 OUT is halted", bench.status().state, State.PLAYING)
         bench.wait_until(second.commit_period + 1)
         status = bench.status()
-        expect("the state, with 01 OUT still halted", status.state, State.PLAYING)
-        expect("what plays since", status.since_period, second.commit_period)
+        expect_all(status, ", with 01 OUT still halted", state=State.PLAYING, since_period=second.commit_period)
     finally:
         bench.usb.clear_halt(BLOCKS_OUT)
-    after = bench.status()
-    expect("the state", after.state, State.PLAYING)
-    expect("what plays since", after.since_period, second.commit_period)
-    expect("the count of refused blocks", after.refused, status.refused)
+    expect_all(bench.status(), state=State.PLAYING, since_period=second.commit_period, refused=status.refused)
     expect("the reason for a number once more", bench.send(NoOp(), number=second.sequence).reason, Reason.SEQUENCE)
-    ack = bench.must(NoOp(), number=(second.sequence + 1) % 2**32)
-    expect("the flags of the next number", ack.flags, AckFlag(0))
+    expect("the flags of the next number", bench.must(NoOp(), number=(second.sequence + 1) % 2**32).flags, AckFlag(0))
 
 
 @case("USB-015", line="usb")
@@ -275,12 +234,6 @@ def test_clear_feature_begins_with_data0(bench: Bench, endpoint: int, transfers:
 # Blocks from packets
 
 
-def needs_full_speed(bench: Bench) -> None:
-    """Inconclusive if a packet holds a whole block."""
-    if not is_full_speed(bench):
-        raise Inconclusive("only at full speed can a part of a block arrive, and this bus runs at high speed")
-
-
 @case("USB-017/1", "ACK-003", "ACK-002", line="usb")
 @pytest.mark.parametrize(
     "size", [1, 4, 5, 7, 8, 31, 32, 63, 64, 65, 128, 448, PAYLOAD_BYTES, BLOCK_BYTES - 2, BLOCK_BYTES - 1]
@@ -295,15 +248,15 @@ def test_a_block_that_is_cut_short_is_refused(bench: Bench, size: int) -> None:
         write(bench, b"")  # else the next packet belongs to it
     (ack,) = read_records(bench)
     assert isinstance(ack, Ack), f"the answer is {ack}, should be an acknowledgement"
-    expect("the reason", ack.reason, Reason.LENGTH)
-    expect("the number", ack.sequence, int.from_bytes(whole[4 : min(size, 8)], "little"))
-    expect("the period of effect", ack.commit_period, 0)
+    expect_all(ack, reason=Reason.LENGTH, sequence=int.from_bytes(whole[4 : min(size, 8)], "little"), commit_period=0)
     (accepted,) = bench.send_raw(whole)
     expect("the reason of the whole block after it", accepted.reason, Reason.ACCEPTED)
-    after = bench.status()
-    expect("the count of refused blocks", after.refused, (before.refused + 1) % 2**32)
-    expect("the count of accepted blocks", after.accepted, (before.accepted + 1) % 2**32)
-    expect("the last refusal", after.last_refusal, Reason.LENGTH)
+    expect_all(
+        bench.status(),
+        refused=(before.refused + 1) % 2**32,
+        accepted=(before.accepted + 1) % 2**32,
+        last_refusal=Reason.LENGTH,
+    )
 
 
 @case("USB-017", "USB-017/1", line="usb")
@@ -330,10 +283,7 @@ def test_empty_packets_carry_nothing(bench: Bench, count: int) -> None:
     bench.must(NoOp())
     write(bench, b"")
     bench.must(NoOp())
-    after = bench.status()
-    expect("the count of refused blocks", after.refused, before.refused)
-    expect("the count of accepted blocks", after.accepted, (before.accepted + 2) % 2**32)
-    expect("the count of lost blocks", after.lost, before.lost)
+    expect_all(bench.status(), refused=before.refused, accepted=(before.accepted + 2) % 2**32, lost=before.lost)
 
 
 @case("USB-018", "ACK-001", line="usb")
@@ -352,7 +302,8 @@ def test_many_blocks_travel_in_one_transfer(bench: Bench, ended: bool) -> None:
 @pytest.mark.parametrize("end", ["empty-packet", "clear-feature", "set-interface", "set-configuration"])
 def test_a_part_of_a_block_is_given_up(bench: Bench, end: str) -> None:
     """A block whose transfer was cancelled spoils no other: an empty packet ends it, the other ways drop it."""
-    needs_full_speed(bench)
+    if bench.usb.bulk_bytes >= BLOCK_BYTES:
+        raise Inconclusive("only at full speed can a part of a block arrive, and this bus runs at high speed")
     bench.must(NoOp())
     before = bench.status()
     write(bench, pack(bench.numbered(NoOp()))[: 3 * bench.usb.bulk_bytes])
@@ -422,35 +373,16 @@ def test_a_packet_holds_as_many_records_as_fit(bench: Bench) -> None:
 # Sessions
 
 
-@dataclass(frozen=True)
-class Restart:
-    """A way to begin a new session (clause USB-026)."""
-
-    name: str
-    go: Callable[[Bench], None]
-    lowers_dtr: bool
-
-
-def set_configuration(bench: Bench) -> None:
-    """SET_CONFIGURATION to 1."""
-    bench.usb.set_configuration()
-
-
-def set_configuration_twice(bench: Bench) -> None:
-    """SET_CONFIGURATION to 0, and then to 1."""
-    unconfigure(bench)
-    bench.usb.set_configuration()
-
-
 def unconfigure(bench: Bench) -> None:
     """SET_CONFIGURATION to 0."""
     answer = bench.request(Setup(0x00, 9, 0, 0, 0))
     assert answer is not None, "SET_CONFIGURATION to 0 is answered with STALL"
 
 
-def set_interface(bench: Bench) -> None:
-    """SET_INTERFACE of interface 0."""
-    bench.usb.set_interface(ARRAY)
+def configure_twice(bench: Bench) -> None:
+    """SET_CONFIGURATION to 0, and then to 1."""
+    unconfigure(bench)
+    bench.usb.set_configuration()
 
 
 def reset_bus(bench: Bench) -> None:
@@ -458,20 +390,20 @@ def reset_bus(bench: Bench) -> None:
     bench.usb.reset()
 
 
-WAYS = [
-    Restart("set-configuration-1", set_configuration, True),
-    Restart("set-configuration-0", set_configuration_twice, True),
-    Restart("set-interface", set_interface, False),
-]
-BUS_RESET = Restart("bus-reset", reset_bus, True)
-each_way = pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
+Restart = Callable[[Bench], None]
+"""A way to begin a new session (clause USB-026)."""
+WAYS: dict[str, Restart] = {
+    "set-configuration-1": lambda bench: bench.usb.set_configuration(),
+    "set-configuration-0": configure_twice,
+    "set-interface": lambda bench: bench.usb.set_interface(ARRAY),
+}
+each_way = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 CLAUSES = ("USB-003", "USB-016", "USB-026", "STA-003")
 
 
 def play_and_queue(bench: Bench) -> tuple[Ack, Ack]:
     """Something plays, and something is queued for later; then a session begins."""
-    without_watchdog(bench)
-    bench.enable()
+    enable(bench)
     first = bench.must(Update(bench.weak()))
     second = bench.must(Update(bench.weak(), first.now_period + 16_000 * bench.slowness))
     bench.wait_until(first.commit_period)
@@ -480,13 +412,7 @@ def play_and_queue(bench: Bench) -> tuple[Ack, Ack]:
 
 
 def check_plays_on(status: Status, first: Ack, second: Ack) -> None:
-    """Fail if a status shows anything but the first of two changes.
-
-    Raises
-    ------
-    TooSlow
-        If the second was due, too.
-    """
+    """Fail if a status shows anything but the first of two changes; inconclusive if the second was due."""
     expect("the state", status.state, State.PLAYING)
     if status.period >= second.commit_period:
         raise TooSlow("the line was too slow: what was queued for later plays")
@@ -497,11 +423,9 @@ def check_outputs_are_turned_off(bench: Bench, way: Restart) -> None:
     """Nothing plays or waits afterwards, changes are refused, and no count begins again."""
     _, queued = play_and_queue(bench)
     before = bench.status()
-    way.go(bench)
+    way(bench)
     after = bench.status()
-    expect("the state", after.state, State.OFF)
-    expect("what plays since", after.since_period, 0)
-    expect("the room in the queue", after.free, bench.info.queue_blocks)
+    expect_all(after, state=State.OFF, since_period=0, free=bench.info.queue_blocks)
     for name in ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages", "faults"):
         expect(f"the status' {name}", getattr(after, name), getattr(before, name))
     assert after.now > before.now, f"the time is {after.now}, should go on from {before.now}"
@@ -523,13 +447,13 @@ def test_a_new_session_turns_the_outputs_off(bench: Bench, way: Restart) -> None
 @case(*CLAUSES, allow=(Risk.RESET,), line="usb")
 def test_a_bus_reset_turns_the_outputs_off(bench: Bench) -> None:
     """A bus reset turns the outputs off and empties the queue, because the host may be another."""
-    check_outputs_are_turned_off(bench, BUS_RESET)
+    check_outputs_are_turned_off(bench, reset_bus)
 
 
 def check_outputs_are_silent(bench: Bench, way: Restart) -> None:
     """All outputs are low from six periods after it on."""
     play_and_queue(bench)
-    way.go(bench)
+    way(bench)
     first = bench.period() + SILENT_PERIODS + 1
     bench.judge(first, first + 100, check_silent)
 
@@ -557,22 +481,18 @@ def test_the_outputs_are_low_without_a_configuration(bench: Bench) -> None:
 @case("USB-003", "STA-001", needs=(Need.CAPTURE,), allow=(Risk.RESET,), line="usb")
 def test_a_bus_reset_silences_the_outputs(bench: Bench) -> None:
     """All outputs are low after a bus reset, whatever was queued."""
-    check_outputs_are_silent(bench, BUS_RESET)
+    check_outputs_are_silent(bench, reset_bus)
 
 
 def check_unattended_ends(bench: Bench, way: Restart) -> None:
     """An unattended sequence ends."""
-    store_sequence(bench)
-    without_watchdog(bench)
-    bench.enable()
+    store_entry(bench, 40, pulses=bench.weak(0.5))
+    enable(bench)
     ack = bench.must(PlaySequence(0, 1, unattended=True))
     bench.wait_until(ack.commit_period)
     expect("the state before", bench.status().state, State.UNATTENDED)
-    way.go(bench)
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag(0))
-    expect("what plays since", status.since_period, 0)
+    way(bench)
+    expect_all(bench.status(), state=State.OFF, flags=StatusFlag(0), since_period=0)
 
 
 @case("USB-003", "USB-016", "SAF-005", features=Feature.UNATTENDED, line="usb")
@@ -585,17 +505,16 @@ def test_a_new_session_ends_what_plays_unattended(bench: Bench, way: Restart) ->
 @case("USB-003", "SAF-005", features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
 def test_a_bus_reset_ends_what_plays_unattended(bench: Bench) -> None:
     """An unattended sequence ends with a bus reset, because a host arrives then."""
-    check_unattended_ends(bench, BUS_RESET)
+    check_unattended_ends(bench, reset_bus)
 
 
 def check_records_are_dropped(bench: Bench, way: Restart) -> None:
     """Nothing that waited on 81 IN comes, nor a status record of the new session."""
     leave_records(bench, 5)
     let_watchdog_fire(bench)
-    way.go(bench)
+    way(bench)
     expect("what comes unasked", bench.listen(QUIET), [])
-    ack = bench.must(NoOp())
-    expect("the state", ack.state, State.OFF)
+    expect("the state", bench.must(NoOp()).state, State.OFF)
 
 
 @case("USB-003", "USB-016", "USB-026", line="usb")
@@ -608,7 +527,7 @@ def test_a_new_session_drops_the_records_that_wait(bench: Bench, way: Restart) -
 @case("USB-003", "USB-026", allow=(Risk.RESET,), line="usb")
 def test_a_bus_reset_drops_the_records_that_wait(bench: Bench) -> None:
     """Records that were not fetched before a bus reset are dropped; otherwise the host takes them for its own."""
-    check_records_are_dropped(bench, BUS_RESET)
+    check_records_are_dropped(bench, reset_bus)
 
 
 def check_numbering_begins_anew(bench: Bench, way: Restart) -> None:
@@ -616,14 +535,12 @@ def check_numbering_begins_anew(bench: Bench, way: Restart) -> None:
     start = bench.must(NoOp()).sequence
     expect("the reason for an old number", bench.send(NoOp(), number=(start - 1000) % 2**32).reason, Reason.SEQUENCE)
     before = bench.status()
-    way.go(bench)
+    way(bench)
     first = (start - 1000) % 2**32
-    ack = bench.must(NoOp(), number=first)
-    expect("its flags", ack.flags, AckFlag(0))
+    expect("its flags", bench.must(NoOp(), number=first).flags, AckFlag(0))
     expect("the count of lost blocks", bench.status().lost, before.lost)
     expect("the reason for its number again", bench.send(NoOp(), number=first).reason, Reason.SEQUENCE)
-    gap = bench.must(NoOp(), number=(first + 3) % 2**32)
-    expect("the flags after two missing numbers", gap.flags, AckFlag.GAP)
+    expect("the flags after two missing numbers", bench.must(NoOp(), number=(first + 3) % 2**32).flags, AckFlag.GAP)
     expect("the count of lost blocks", bench.status().lost, (before.lost + 2) % 2**32)
 
 
@@ -637,13 +554,7 @@ def test_a_new_session_accepts_any_number(bench: Bench, way: Restart) -> None:
 @case("NUM-004", "USB-026", allow=(Risk.RESET,), line="usb")
 def test_a_bus_reset_accepts_any_number(bench: Bench) -> None:
     """The first block after a bus reset is accepted with any number, and the numbering begins with it."""
-    check_numbering_begins_anew(bench, BUS_RESET)
-
-
-def store_sequence(bench: Bench) -> None:
-    """A slot and an entry that plays it."""
-    bench.must(Slot(0, bench.weak(0.5)))
-    bench.must(Entries((Entry(0, 40),)))
+    check_numbering_begins_anew(bench, reset_bus)
 
 
 def check_what_stays(bench: Bench, way: Restart) -> None:
@@ -653,17 +564,13 @@ def check_what_stays(bench: Bench, way: Restart) -> None:
     bench.order(Request.LIMIT, limit)
     features = bench.info.features
     if Feature.SEQUENCES in features:
-        store_sequence(bench)
+        store_entry(bench, 40, pulses=bench.weak(0.5))
     if Feature.MODULATION in features:
         bench.must(Samples(bytes([255, 128]), 4000))
-    way.go(bench)
-    status = bench.status()
-    expect("the watchdog's time", status.watchdog_ms, 12_345)
-    expect("the drive limit", status.drive_limit, limit)
+    way(bench)
+    expect_all(bench.status(), watchdog_ms=12_345, drive_limit=limit)
     bench.enable()
-    plays: list[Body] = [PlaySequence(0, 1)] if Feature.SEQUENCES in features else []
-    plays += [AmplitudeModulation(4000, 2, 1)] if Feature.MODULATION in features else []
-    for body in plays:
+    for body in known(bench, PlaySequence(0, 1), AmplitudeModulation(4000, 2, 1)):
         bench.must(body)
 
 
@@ -677,7 +584,7 @@ def test_what_is_stored_stays_over_a_new_session(bench: Bench, way: Restart) -> 
 @case("USB-026", "BLK-013", allow=(Risk.RESET,), line="usb")
 def test_what_is_stored_stays_over_a_bus_reset(bench: Bench) -> None:
     """Slots, entries, samples, watchdog time and drive limit survive a bus reset, which is no restart."""
-    check_what_stays(bench, BUS_RESET)
+    check_what_stays(bench, reset_bus)
 
 
 @case("USB-015", "USB-026", line="usb")
@@ -740,11 +647,11 @@ def test_a_new_session_turns_off_what_another_door_enabled(bench: Bench, way: Re
     """Outputs that were enabled through the console are turned off too, because the device has one state."""
     bench.serial.wire.hang_up()
     bench.serial.enter_frames()
-    without_watchdog(bench)
+    bench.order(Request.WATCHDOG, LONG_MS)
     answer = bench.serial.request(Setup(0x41, Request.ENABLE, 0, 0, 0))
     assert answer is not None, "ENABLE by the console is answered with STALL"
     expect("the state before", bench.status().state, State.READY)
-    way.go(bench)
+    way(bench)
     expect("the state", bench.status().state, State.OFF)
 
 
@@ -782,6 +689,14 @@ def text_until(bench: Bench, end: bytes, seconds: float = SOON) -> bytes:
     return found
 
 
+def check_answers(bench: Bench) -> None:
+    """Fail unless the console carries out commands, without echo from now on."""
+    type_in(bench, b"echo 0\r")
+    text_until(bench, PROMPT)
+    type_in(bench, b"faults\r")
+    expect("what the console says", text_until(bench, PROMPT), b"faults: none\r\nok\r\n> ")
+
+
 @case("USB-023", "USB-026", line="usb")
 def test_the_line_coding_is_as_at_first_after_configuration(bench: Bench) -> None:
     """A device that was just configured reports 115 200 baud, 8N1, whatever its last host set."""
@@ -792,19 +707,12 @@ def test_the_line_coding_is_as_at_first_after_configuration(bench: Bench) -> Non
 
 @case("USB-023", "SER-001", line="usb")
 @pytest.mark.parametrize(
-    "coding",
-    [
-        bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8]),
-        bytes([0x2C, 0x01, 0x00, 0x00, 2, 4, 5]),
-        bytes([0x00, 0x1B, 0xB7, 0x00, 1, 3, 16]),
-        bytes([0x01, 0x00, 0x00, 0x00, 0, 1, 6]),
-        bytes([0xFF] * 7),
-        bytes(7),
-    ],
-    ids=lambda coding: coding.hex(),
+    "digits",
+    ["00c20100000008", "2c010000020405", "001bb700010310", "01000000000106", "ffffffffffffff", "00000000000000"],
 )
-def test_every_line_coding_is_accepted_and_read_back(bench: Bench, coding: bytes) -> None:
+def test_every_line_coding_is_accepted_and_read_back(bench: Bench, digits: str) -> None:
     """The console accepts and returns every line coding and works as before, because it has no real serial line."""
+    coding = bytes.fromhex(digits)
     assert set_line_coding(bench, coding) is not None, f"SET_LINE_CODING to {coding.hex(' ')} is answered with STALL"
     expect("the line coding", line_coding(bench), coding)
     expect("the first four bytes of it", line_coding(bench, 4), coding[:4])
@@ -812,10 +720,7 @@ def test_every_line_coding_is_accepted_and_read_back(bench: Bench, coding: bytes
     if Feature.CONSOLE in bench.info.features:
         set_dtr(bench, 0)
         set_dtr(bench, 1)
-        type_in(bench, b"echo 0\r")
-        text_until(bench, PROMPT)
-        type_in(bench, b"faults\r")
-        expect("what the console says", text_until(bench, PROMPT), b"faults: none\r\nok\r\n> ")
+        check_answers(bench)
     bench.usb.set_interface(ARRAY)
     expect("the line coding after SET_INTERFACE of interface 0", line_coding(bench), coding)
 
@@ -925,10 +830,7 @@ def test_the_console_is_a_console_again_after_configuration(bench: Bench) -> Non
     type_in(bench, b"\r")
     expect("what the console says without DTR", text_until(bench, PROMPT, QUIET), b"")
     set_dtr(bench, 1)
-    type_in(bench, b"echo 0\r")
-    text_until(bench, PROMPT)
-    type_in(bench, b"faults\r")
-    expect("what the console says", text_until(bench, PROMPT), b"faults: none\r\nok\r\n> ")
+    check_answers(bench)
 
 
 # One interface and another
@@ -949,8 +851,7 @@ def test_a_console_that_is_not_read_holds_up_nothing(bench: Bench) -> None:
                 break
         for _ in range(5):
             bench.must(NoOp())
-        without_watchdog(bench)
-        bench.enable()
+        enable(bench)
         ack = bench.must(Update(bench.weak()))
         expect("the flags of an update", ack.flags, AckFlag(0))
         bench.wait_until(ack.commit_period)
@@ -976,8 +877,7 @@ def test_halts_of_the_console_hold_up_nothing(bench: Bench) -> None:
     try:
         for _ in range(3):
             bench.must(NoOp())
-        without_watchdog(bench)
-        bench.enable()
+        enable(bench)
         ack = bench.must(Update(bench.weak()))
         bench.wait_until(ack.commit_period)
         expect("the state", bench.status().state, State.PLAYING)
@@ -994,10 +894,7 @@ def test_halts_of_the_array_leave_the_console_alone(bench: Bench) -> None:
     for endpoint in (BLOCKS_OUT, RECORDS_IN):
         halt(bench, endpoint)
     try:
-        type_in(bench, b"echo 0\r")
-        text_until(bench, PROMPT)
-        type_in(bench, b"faults\r")
-        expect("what the console says", text_until(bench, PROMPT), b"faults: none\r\nok\r\n> ")
+        check_answers(bench)
     finally:
         for endpoint in (BLOCKS_OUT, RECORDS_IN):
             bench.usb.clear_halt(endpoint)
@@ -1017,19 +914,12 @@ def test_the_dfu_interface_is_idle(bench: Bench) -> None:
 @case("USB-024", "DFU-006", "USB-004", line="usb")
 @pytest.mark.parametrize(
     "setup",
-    [
-        Setup(0xA1, 2, 0, FIRMWARE, 64),
-        Setup(0x21, 4, 0, FIRMWARE, 0),
-        Setup(0x21, 6, 0, FIRMWARE, 0),
-        Setup(0x21, 7, 0, FIRMWARE, 0),
-        Setup(0x21, 3, 0, FIRMWARE, 0),
-    ],
+    [Setup(0xA1, 2, 0, FIRMWARE, 64), *(Setup(0x21, request, 0, FIRMWARE, 0) for request in (4, 6, 7, 3))],
     ids=["upload", "clrstatus", "abort", "request-7", "getstatus-out"],
 )
 def test_other_dfu_requests_stall_at_run_time(bench: Bench, setup: Setup) -> None:
     """At run time all other requests of DFU are answered with STALL, have no effect and lead to appIDLE."""
-    without_watchdog(bench)
-    bench.enable()
+    enable(bench)
     answer = bench.request(setup)
     assert answer is None, f"{setup} is answered with {answer!r}, should be with STALL"
     expect("GETSTATUS", bench.request(Setup(0xA1, 3, 0, FIRMWARE, 6)), bytes(6))

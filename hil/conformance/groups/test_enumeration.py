@@ -14,7 +14,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.tools.dfu import dfu_mode
 from phasewire.hil.conformance.tools.examples import example
-from phasewire.hil.conformance.tools.steps import enable
+from phasewire.hil.conformance.tools.steps import enable, expect_all
 from phasewire.protocol.codes import Feature, Request, State
 from phasewire.protocol.requests import Setup
 
@@ -377,9 +377,7 @@ def test_unknown_requests_stall_and_change_nothing(bench: Bench, setup: Setup) -
     enable(bench)
     before = bench.status()
     stalls(bench, setup)
-    after = bench.status()
-    expect("the state", after.state, State.READY)
-    expect("the faults", after.faults, before.faults)
+    expect_all(bench.status(), state=State.READY, faults=before.faults)
     expect("the configuration", bench.request(Setup(0x80, 8, 0, 0, 1)), b"\x01")
     expect("the status of the device", bench.request(Setup(0x80, 0, 0, 0, 2)), b"\x01\x00")
     expect("the status of endpoint 81", bench.request(Setup(0x82, 0, 0, 0x81, 2)), bytes(2))
@@ -424,9 +422,7 @@ def test_interfaces_are_not_there_before_configuration(bench: Bench, setup: Setu
     """While the device is not configured requests to an interface or an endpoint are answered with STALL."""
     with unconfigured(bench):
         stalls(bench, setup)
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("the watchdog's time", status.watchdog_ms, bench.info.watchdog_ms)
+    expect_all(bench.status(), state=State.OFF, watchdog_ms=bench.info.watchdog_ms)
 
 
 @case("USB-006", "USB-012", "USB-014", line="usb")

@@ -72,14 +72,8 @@ def settled(bench: Bench) -> Bank:
 def upgraded(bench: Bench) -> Bank:
     """Flash the device's own firmware once more; returns the bank that runs afterwards."""
     with dfu_mode(bench) as line:
-        line.flash(_own(line))
+        line.flash(line.own_image())
     return settled(bench)
-
-
-def _own(line: RawDfuLine) -> bytes:
-    image = line.image()
-    line.rest()
-    return image
 
 
 @flashing("FWU-018/2", "FWU-018", "FWU-016", "FWU-019", "FWU-020/2", "DFU-011", "DFU-015")
@@ -115,7 +109,7 @@ def test_a_wrong_image_never_boots(bench: Bench, forgery: Forgery) -> None:
     """After an image with a defect after its header the previous image boots, whatever the device has answered."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
-        offer(line, forgery.of(_own(line)))
+        offer(line, forgery.of(line.own_image()))
     expect("the faults", bench.status().faults, Fault(0))
     expect("the bank that boots", settled(bench), before)
 
@@ -125,7 +119,7 @@ def test_a_refused_header_erases_nothing(bench: Bench) -> None:
     """An upgrade that waits for a reset boots although a later download was refused for its header."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
-        own = _own(line)
+        own = line.own_image()
         line.flash(own)
         for wrong in (bytes(BLOCK), own[:31], Forgery.of_headers()[2].of(own)[:BLOCK]):
             line.download(0, wrong)
@@ -149,7 +143,7 @@ def upgraded_in_vain(bench: Bench) -> Bank:
     """Flash an image that never comes up; returns the bank of before, which boots again."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
-        line.flash(_own(line))
+        line.flash(line.own_image())
         _power(bench)  # it boots on trial, and no host configures it
         bench.power_cycle()
     expect("the bank that boots", settled_with_fault(bench), before)
@@ -169,7 +163,7 @@ def test_what_comes_before_configuration_does_not_confirm_an_image(bench: Bench,
     """New firmware that met bus resets or requests, but was not configured, does not boot again."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
-        line.flash(_own(line))
+        line.flash(line.own_image())
         _power(bench)
         bench.usb.wait_for(RUN_TIME, bench.paced(UP_SECONDS), configured=False)
         if bench.usb.is_configured:
@@ -194,7 +188,7 @@ def test_a_record_that_may_not_boot_is_gone_even_where_it_cannot_be_erased(bench
     sector = idle_bank(before).record_address // FLASH_SECTOR_BYTES
     with dfu_mode(bench) as line:
         bench.levers.cause(faults.FailingSector(sector=sector, periods=round(STUCK_SECONDS * CARRIER_HZ)))
-        expect("the status of a sector that is not erased", line.send(_own(line)).status, DfuStatus.ERASE)
+        expect("the status of a sector that is not erased", line.send(line.own_image()).status, DfuStatus.ERASE)
     expect("the faults, for the bank has no record", bench.status().faults, Fault(0))
     expect("the bank that boots", settled(bench), before)
     bench.outlast(STUCK_SECONDS)
@@ -265,7 +259,7 @@ def test_power_may_go_at_any_byte_that_is_written(bench: Bench) -> None:
     """A flash write that is cut short at any byte leaves the previous image, or the new one intact."""
     running = bank_of(bench)
     with dfu_mode(bench) as line:
-        size = len(_own(line))
+        size = len(line.own_image())
     sectors = 1 + -(-size // 4096)
     for _ in range(12):
         byte = bench.random.randrange(sectors * 4096 + size + 48)
@@ -297,7 +291,7 @@ def test_an_image_that_has_gone_bad_does_not_boot(bench: Bench) -> None:
     """If the newest image does not match its record, the one before it boots, and FLASH reports it."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
-        line.flash(_own(line))
+        line.flash(line.own_image())
         _stick(bench, idle_bank(before).image_address)
     expect("the bank that boots", settled_with_fault(bench), before)
     bench.outlast(STUCK_SECONDS)
@@ -314,7 +308,7 @@ def test_an_image_of_more_than_256_blocks_boots(bench: Bench) -> None:
     """Firmware of 258 blocks, one segment of 65 536 and zeros after it, is accepted, uploaded unchanged, and boots."""
     before = bank_of(bench)
     with dfu_mode(bench) as line:
-        own = _own(line)
+        own = line.own_image()
         image = of_many_blocks(own, 258)
         line.flash(image)
         found = line.image()
@@ -333,7 +327,7 @@ def test_an_upgrade_is_newer_whatever_generation_it_follows(bench: Bench, genera
     bench.restart(lambda: bench.order(Request.REVERT))
     expect("the bank that boots", upgraded(bench), Bank.A)  # with generation 0, for there is no other record
     with dfu_mode(bench) as line:
-        own = _own(line)
+        own = line.own_image()
         written, reads = boot_record(own, 0), boot_record(own, generation)
         for number, (one, other) in enumerate(zip(written, reads, strict=True)):
             for bit in range(8):
@@ -392,11 +386,10 @@ def test_revert_gives_up_nothing_where_the_factory_image_is_bad(bench: Bench, wh
 def test_an_older_version_is_taken_like_a_newer_one(bench: Bench) -> None:
     """An image of version 0.0.1 is accepted and boots: a bad upgrade must be reversible."""
     with dfu_mode(bench) as line:
-        own = _own(line)
+        own = line.own_image()
         line.flash(as_version(own, (0, 0, 1)))
     settled(bench)
-    report = bench.processors()[0]
-    expect("the version that runs", tuple(report.firmware), (0, 0, 1))
+    expect("the version that runs", tuple(bench.processors()[0].firmware), (0, 0, 1))
     expect("bcdDevice", bench.usb.device.bcdDevice, 0x0001)
     with dfu_mode(bench) as line:
         line.flash(own)
@@ -408,7 +401,7 @@ def test_keys_decide_whose_images_are_taken(bench: Bench) -> None:
     """Unsigned images and those by an unknown key are both accepted, or both refused for their signature."""
     stranger = key_of(bench)
     with dfu_mode(bench) as line:
-        own = _own(line)
+        own = line.own_image()
         takes = []
         for image in (signed_by(own, None), signed_by(own, stranger)):
             reply = offer(line, image)
@@ -444,7 +437,7 @@ def test_a_device_with_keys_refuses_what_they_have_not_signed(bench: Bench, runs
     with bench.spare(key_of(bench)) as device:
         running = upgraded(device) if runs == "upgrade" else bank_of(device)
         with dfu_mode(device) as line:
-            own = _own(line)
+            own = line.own_image()
             reply = offer(line, UNTRUSTED[what](own, key_of(bench)))
             expect("the state after it", reply.state, DfuState.ERROR)
             expect("why it is refused", (reply.status, reply.string), FOR_ITS_SIGNATURE)
@@ -461,7 +454,7 @@ def test_a_device_with_keys_takes_what_they_have_signed(bench: Bench) -> None:
         running = bank_of(device)
         for version in ((9, 0, 0), (0, 0, 1), (1, 0, 0)):
             with dfu_mode(device) as line:
-                line.flash(signed_by(as_version(signed_by(_own(line), None), version), key))
+                line.flash(signed_by(as_version(signed_by(line.own_image(), None), version), key))
             before, running = running, settled(device)
             expect("the bank that boots", running, idle_bank(before))
             expect("the version that runs", tuple(device.processors()[0].firmware), version)
@@ -486,5 +479,5 @@ def test_a_device_without_all_its_processors_stays_on_the_bus(bench: Bench, proc
             "PROCESSOR was cleared"
         )
         with dfu_mode(broken) as line:
-            line.flash(_own(line))
+            line.flash(line.own_image())
         expect("the faults after an upgrade", broken.status().faults & Fault.PROCESSOR, Fault.PROCESSOR)

@@ -8,12 +8,13 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, NotApplicable, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
-from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, Player, check_in_time, is_fast, soon
+from phasewire.hil.conformance.tools.player import Player, check_in_time, is_fast, soon
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
     Wrong,
     begin,
+    expect_all,
     far,
     forge,
     heavy,
@@ -34,7 +35,7 @@ from phasewire.protocol.blocks import (
     Update,
     pack,
 )
-from phasewire.protocol.codes import (
+from phasewire.protocol.codes import (PROMISED_PERIODS, 
     BLOCK_BYTES,
     ENTRIES_PER_BLOCK,
     SAMPLES_PER_BLOCK,
@@ -63,8 +64,7 @@ def fill(bench: Bench, left: int = 0) -> list[Ack]:
     changes: list[Body] = [Update(SILENT, named + 100 * place) for place in range(bench.info.queue_blocks - left)]
     acks = send_many(bench, changes)
     for place, ack in enumerate(acks):
-        expect("the reason", ack.reason, Reason.ACCEPTED)
-        expect("commit_period", ack.commit_period, named + 100 * place)
+        expect_all(ack, reason=Reason.ACCEPTED, commit_period=named + 100 * place)
     return acks
 
 
@@ -78,9 +78,7 @@ def check_nak(bench: Bench, block: bytes) -> None:
     """Check that a block is not taken and has no effect."""
     before = bench.status()
     expect("bytes taken while the device holds the host back", bench.usb.write(ENDPOINT_OUT, block, REFUSED_SECONDS), 0)
-    after = bench.status()
-    expect("the count of accepted blocks", after.accepted, before.accepted)
-    expect("the count of refused blocks", after.refused, before.refused)
+    expect_all(bench.status(), accepted=before.accepted, refused=before.refused)
 
 
 # The queue
@@ -134,11 +132,7 @@ def test_only_changes_take_a_place(bench: Bench) -> None:
     for body in bodies * bench.tries(4, 1, len(bodies)):
         ack = bench.must(body)
         assert ack.free in (0, 1), f"free is {ack.free} after {body.KIND.name}, should be 1"
-    for _ in range(100):
-        if bench.status().free == 1:
-            break
-        bench.outlast(0.005)
-    expect("free", bench.status().free, 1)
+    let_stores_go(bench, bench.info.queue_blocks - 1)
     expect("free after the last change", bench.must(Output(Action.SILENCE)).free, 0)
 
 
@@ -265,10 +259,12 @@ def test_a_stream_at_the_rate_that_holds_is_played_in_full(bench: Bench) -> None
         acks += bench.send_all(updates[at : at + places])
     check_stream(bench, player, updates, acks)
     bench.wait_until(acks[-1].commit_period + 400)
-    after = bench.status()
-    expect("missed commits", after.missed_commits, before.missed_commits)
-    expect("damaged messages", after.damaged_messages, before.damaged_messages)
-    expect("faults", after.faults, before.faults)
+    expect_all(
+        bench.status(),
+        missed_commits=before.missed_commits,
+        damaged_messages=before.damaged_messages,
+        faults=before.faults,
+    )
     player.judge(first - 10, acks[-1].commit_period + 10)
 
 
@@ -280,20 +276,16 @@ def test_a_stream_holds_its_rate_beside_stores(bench: Bench) -> None:
     first = soon(bench, places + 3)
     before = bench.status()
     updates = list(stream(bench, first, gap, places))
-    bodies: list[Body] = [
-        *updates,
+    stores: list[Body] = [
         Slot(1, SILENT),
         Entries((Entry(1, 5),) * ENTRIES_PER_BLOCK),
         Samples(bytes(SAMPLES_PER_BLOCK)),
     ]
-    acks = send_many(bench, bodies)
+    acks = send_many(bench, [*updates, *stores])
     check_stream(bench, player, updates, acks[:places])
     expect("the reasons of stores", [ack.reason for ack in acks[places:]], [Reason.ACCEPTED] * 3)
     bench.wait_until(first + gap * places + 400)
-    after = bench.status()
-    expect("late changes", after.late, before.late)
-    expect("missed commits", after.missed_commits, before.missed_commits)
-    expect("faults", after.faults, before.faults)
+    expect_all(bench.status(), late=before.late, missed_commits=before.missed_commits, faults=before.faults)
     player.judge(first - 10, first + gap * places + 10)
 
 

@@ -8,7 +8,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
 from phasewire.hil.conformance.tools.clocks import compare_clocks
 from phasewire.hil.conformance.tools.player import FAST_PERIODS, Player, block_periods, is_fast
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, Wrong, forge, refuse
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, Wrong, expect_all, forge, refuse
 from phasewire.hil.conformance.tools.watchdog import await_firing
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -63,12 +63,11 @@ def let_pass(bench: Bench, seconds: float, every: float = 1.0) -> float:
 
 
 @case("BLK-005", "ACK-001", "NUM-002", "REQ-003", "BUD-001/2", outputs=("TIM-003", "BLK-005", "CHN-020"))
-def test_a_long_stream_of_updates_plays_whole(bench: Bench) -> None:
+def test_a_long_stream_of_updates_plays_whole(bench: Bench, player: Player) -> None:
     """Of two seconds of updates, 500 a second, none is late, missed or lost, and twelve excerpts show them playing.
 
     On a slow line they are fewer and further apart, because only the queue bridges a gap in the transfers.
     """
-    player = Player(bench)
     fast = is_fast(bench)
     count, spacing, at_once = (1024, 4 * FAST_PERIODS, 16) if fast else (16, 2 * block_periods(bench), 4)
     count, spacing = max(count // bench.slowness, 4 * at_once), spacing * bench.slowness
@@ -81,18 +80,15 @@ def test_a_long_stream_of_updates_plays_whole(bench: Bench) -> None:
         )
     last = first + spacing * count
     bench.wait_until(last)
-    after = check_counters(bench, before, accepted=count)
-    expect("free places", after.free, bench.info.queue_blocks)
-    expect("since_period", after.since_period, last - spacing)
+    expect_all(check_counters(bench, before, accepted=count), free=bench.info.queue_blocks, since_period=last - spacing)
     for _ in range(12):
         at = bench.random.randrange(first, last - 200)
         player.judge(at, at + 200)
 
 
 @case("BLK-024", "BLK-008", "REQ-003", "ACK-002", features=BOTH)
-def test_no_place_in_the_queue_is_lost(bench: Bench) -> None:
+def test_no_place_in_the_queue_is_lost(bench: Bench, player: Player) -> None:
     """After 5000 blocks of all kinds, some refused, the queue has as many places as at first."""
-    player = Player(bench)
     player.send_all([Slot(0, bench.weak()), Slot(1, bench.weak()), Entries((Entry(0, 1), Entry(1, 2)))])
     player.send(Samples(bytes([255, 0])))
     bench.wait_periods(SETTLED_PERIODS)
@@ -100,17 +96,8 @@ def test_no_place_in_the_queue_is_lost(bench: Bench) -> None:
     expect("free places", before.free, bench.info.queue_blocks)
     update = Update(bench.weak())
     beyond = Update(Pulses.silent(CHANNELS), 2**64 - 1)
-    kinds: list[Body] = [
-        update,
-        PlaySequence(0, 2),
-        AmplitudeModulation(0, 2, 1),
-        Output(Action.END_MODULATION),
-        Output(Action.SILENCE),
-        Clock(),
-        NoOp(),
-        Slot(2, bench.weak()),
-        beyond,
-    ]
+    kinds: list[Body] = [update, PlaySequence(0, 2), AmplitudeModulation(0, 2, 1), Output(Action.END_MODULATION)]
+    kinds += [Output(Action.SILENCE), Clock(), NoOp(), Slot(2, bench.weak()), beyond]
     updates, mixed = bench.tries(4000, 12), bench.tries(1000, 12)
     at_once = 250 if is_fast(bench) else 4
     bodies = [update] * updates + [bench.random.choice(kinds) for _ in range(mixed)]
@@ -123,9 +110,7 @@ def test_no_place_in_the_queue_is_lost(bench: Bench) -> None:
     after = bench.status()
     expect("accepted blocks", after.accepted - before.accepted, len(bodies) - refused)
     expect("refused blocks", after.refused - before.refused, refused)
-    expect("late changes", after.late, before.late)
-    expect("missed commits", after.missed_commits, before.missed_commits)
-    expect("free places", after.free, bench.info.queue_blocks)
+    expect_all(after, late=before.late, missed_commits=before.missed_commits, free=bench.info.queue_blocks)
     places = bench.info.queue_blocks if is_fast(bench) else 4
     far = player.soon(places) + 2000
     free = [ack.free for ack in player.send_all(Update(update.pulses, far + 10 * place) for place in range(places))]
@@ -167,9 +152,8 @@ def test_counts_of_blocks_go_on_past_two_bytes(bench: Bench) -> None:
 
 
 @case("NUM-004", "NUM-002", "NUM-003", "BLK-020", "REQ-003")
-def test_many_sessions_follow_each_other(bench: Bench) -> None:
+def test_many_sessions_follow_each_other(bench: Bench, player: Player) -> None:
     """Session after session begins with RESTART and its own number, and none reports a loss."""
-    player = Player(bench)
     before = bench.status()
     sessions = bench.tries(100, 5, 4)
     for _ in range(sessions):
@@ -180,9 +164,8 @@ def test_many_sessions_follow_each_other(bench: Bench) -> None:
 
 
 @case("STA-003", "SAF-002", "SAF-004", "REQ-005", "BLK-024", outputs=("SAF-002", "SAF-004"))
-def test_outputs_are_enabled_and_disabled_again_and_again(bench: Bench) -> None:
+def test_outputs_are_enabled_and_disabled_again_and_again(bench: Bench, player: Player) -> None:
     """After each enabling an update plays, after each disabling it ends, and the queue is complete again."""
-    player = Player(bench)
     bench.disable()
     before = bench.status()
     times = bench.tries(50, 5, 6)
@@ -213,9 +196,8 @@ def test_the_clock_keeps_time(bench: Bench) -> None:
 
 
 @case("CHN-015", "BLK-015", "BLK-017", "TIM-004", features=BOTH, needs=[Need.CAPTURE])
-def test_a_modulated_sequence_stays_in_step_for_minutes(bench: Bench) -> None:
+def test_a_modulated_sequence_stays_in_step_for_minutes(bench: Bench, player: Player) -> None:
     """After minutes, or seconds on the host's clock, entries and samples are at the places that their starts imply."""
-    player = Player(bench)
     player.send_all([Slot(number, bench.weak()) for number in range(3)])
     player.send_all([Entries((Entry(0, 3), Entry(1, 1), Entry(2, 7))), Samples(bytes([255, 180, 30, 90, 128]))])
     player.send_all([AmplitudeModulation(0, 5, 3), PlaySequence(0, 3)])
@@ -228,12 +210,11 @@ def test_a_modulated_sequence_stays_in_step_for_minutes(bench: Bench) -> None:
 
 
 @case("TIM-004", "CHN-018", "SAF-003", outputs=("TIM-004", "CHN-018"))
-def test_an_update_plays_on_for_minutes(bench: Bench) -> None:
+def test_an_update_plays_on_for_minutes(bench: Bench, player: Player) -> None:
     """An update plays on while its host gives signs of life, and no longer; meanwhile another follows in time.
 
     Where the device's time is free these are 40 s apart, for longer than 32 bits count ticks; else it takes seconds.
     """
-    player = Player(bench)
     player.send(Update(bench.weak()))
     bench.wait_periods(SETTLED_PERIODS)
     before = bench.status()

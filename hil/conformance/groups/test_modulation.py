@@ -9,8 +9,8 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
-from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, Player
-from phasewire.hil.conformance.tools.steps import check_refused
+from phasewire.hil.conformance.tools.player import Player
+from phasewire.hil.conformance.tools.steps import check_refused, expect_all
 from phasewire.hil.conformance.tools.watchdog import check_not_yet
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -25,7 +25,7 @@ from phasewire.protocol.blocks import (
     Update,
 )
 from phasewire.protocol.board import TICKS_PER_PERIOD
-from phasewire.protocol.codes import (
+from phasewire.protocol.codes import (PROMISED_PERIODS, 
     MODULATION_SAMPLES,
     SAMPLES_PER_BLOCK,
     SILENT_PERIODS,
@@ -39,16 +39,8 @@ from phasewire.protocol.codes import (
 )
 from phasewire.protocol.replies import Status
 
-PLACES = [
-    (0, 1),
-    (MODULATION_SAMPLES - 1, 1),
-    (MODULATION_SAMPLES - SAMPLES_PER_BLOCK, SAMPLES_PER_BLOCK),
-    (MODULATION_SAMPLES - 49, 49),
-    (SAMPLES_PER_BLOCK - 1, 3),
-    (47, 2),
-    (48, 50),
-]
-"""Of the first sample that modulates, and how many there are."""
+PLACES = [(0, 1), (4095, 1), (3616, 480), (4047, 49), (479, 3), (47, 2), (48, 50)]
+"""Of the first of 4096 samples that modulates, and how many there are; the edge of a block, and the end."""
 SETTLED_PERIODS = 400
 """Time for all stores to go onto the chain, and for all due changes to take effect."""
 
@@ -77,83 +69,70 @@ def noise(bench: Bench, count: int) -> bytes:
     ("count", "hold"),
     [(1, 1), (2, 1), (3, 1), (5, 3), (2, 100), (7, 2), (3, 257), (2, 512), (49, 1), (SAMPLES_PER_BLOCK, 2)],
 )
-def test_a_modulation_loops_without_a_gap(bench: Bench, count: int, hold: int) -> None:
+def test_a_modulation_loops_without_a_gap(bench: Bench, player: Player, count: int, hold: int) -> None:
     """Each sample holds for its periods, and the first follows the last without a gap."""
-    player = Player(bench)
     first = bench.random.randrange(MODULATION_SAMPLES - count)
     store(player, noise(bench, count), first)
     player.send(Update(bench.weak()))
-    begin = player.soon()
-    player.send(AmplitudeModulation(first, count, hold, begin))
+    begin = player.begin(AmplitudeModulation(first, count, hold))
     player.judge(begin - 5, begin + 3 * count * hold + 7)
 
 
 @case("BLK-016", "BLK-017", "CHN-012/2", "CHN-015", features=MODULATION, needs=CAPTURE)
-def test_the_whole_buffer_modulates(bench: Bench) -> None:
+def test_the_whole_buffer_modulates(bench: Bench, player: Player) -> None:
     """A modulation by all 4096 samples plays each in its period, and then the first again."""
-    player = Player(bench)
     store(player, noise(bench, MODULATION_SAMPLES))
     player.send(Update(bench.weak()))
-    begin = player.soon()
-    player.send(AmplitudeModulation(0, MODULATION_SAMPLES, 1, begin))
+    begin = player.begin(AmplitudeModulation(0, MODULATION_SAMPLES, 1))
     player.judge(begin - 2, begin + MODULATION_SAMPLES + 100)
 
 
 @case("BLK-016", "BLK-017", features=MODULATION, needs=CAPTURE)
 @pytest.mark.parametrize(("first", "count"), PLACES)
-def test_a_modulation_plays_its_part_of_the_buffer(bench: Bench, first: int, count: int) -> None:
+def test_a_modulation_plays_its_part_of_the_buffer(bench: Bench, player: Player, first: int, count: int) -> None:
     """A modulation applies exactly `count` samples from `first`, up to the end of the buffer."""
-    player = Player(bench)
     store(player, bytes([180 + sample % 76 for sample in noise(bench, count)]), first)
     player.send_all(Samples(bytes(1), place) for place in (first - 1, first + count) if 0 <= place < MODULATION_SAMPLES)
     player.send(Update(bench.weak()))
-    begin = player.soon()
-    player.send(AmplitudeModulation(first, count, 1, begin))
+    begin = player.begin(AmplitudeModulation(first, count, 1))
     player.judge(begin - 2, begin + 2 * count + 5)
 
 
 @case("BLK-016", "CHN-012", features=MODULATION, needs=CAPTURE)
-def test_what_is_stored_last_modulates(bench: Bench) -> None:
+def test_what_is_stored_last_modulates(bench: Bench, player: Player) -> None:
     """Samples stored over others replace them, and do not change their neighbours."""
-    player = Player(bench)
     store(player, noise(bench, 200), 1000)
     store(player, noise(bench, 3), 1047)
     store(player, noise(bench, 60), 1090)
     player.send(Update(bench.weak()))
-    begin = player.soon()
-    player.send(AmplitudeModulation(1000, 200, 1, begin))
+    begin = player.begin(AmplitudeModulation(1000, 200, 1))
     player.judge(begin - 2, begin + 205)
 
 
 @case("BLK-017", "CHN-015", features=MODULATION, needs=CAPTURE)
-def test_a_sample_holds_for_65535_periods(bench: Bench) -> None:
+def test_a_sample_holds_for_65535_periods(bench: Bench, player: Player) -> None:
     """The longest hold, 1.6 s, ends exactly after its last period."""
-    player = Player(bench)
     store(player, bytes([70, 230]), 2048)
     player.send(Update(bench.weak()))
-    begin = player.soon()
-    player.send(AmplitudeModulation(2048, 2, 65_535, begin))
+    begin = player.begin(AmplitudeModulation(2048, 2, 65_535))
     for place in (0, 127, 255, 300, 32_767, 65_535):
         player.judge(begin + place - 5, begin + place + 20)
 
 
 @case("PUL-006", "PUL-002", "BLK-017", features=MODULATION, needs=CAPTURE)
-def test_sample_0_silences_and_sample_255_changes_nothing(bench: Bench) -> None:
+def test_sample_0_silences_and_sample_255_changes_nothing(bench: Bench, player: Player) -> None:
     """Under sample 0 all outputs are low; under 255 they are as without modulation, at full width and at one tick."""
-    player = Player(bench)
     store(player, bytes([0, 255]))
     player.send(Update(bench.weak()))
-    begin = player.soon(3)
-    player.send(AmplitudeModulation(0, 2, 4, begin))
+    begin = player.begin(AmplitudeModulation(0, 2, 4), 3)
     player.send(Update(only(17, 31, 25), begin + 16))
     player.send(Update(only(300, 98, 1), begin + 32))
     player.judge(begin - 2, begin + 48)
 
 
 @case("BLK-012", "BLK-017", "CHN-015", features=BOTH, needs=CAPTURE)
-def test_a_modulation_counts_its_own_periods(bench: Bench) -> None:
+def test_a_modulation_counts_its_own_periods(bench: Bench, player: Player) -> None:
     """Whatever begins or ends under a modulation, its samples go on by the period at which it took effect."""
-    player = Player(bench)
     store(player, noise(bench, 7), 3000)
     player.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Entries((Entry(1, 3), Entry(2, 2)), 1000)])
     player.send(Update(bench.weak()))
@@ -172,9 +151,8 @@ def test_a_modulation_counts_its_own_periods(bench: Bench) -> None:
 
 
 @case("BLK-017", "BLK-012", "CHN-015", features=BOTH, needs=CAPTURE)
-def test_a_modulation_of_a_sequence_keeps_both_in_step(bench: Bench) -> None:
+def test_a_modulation_of_a_sequence_keeps_both_in_step(bench: Bench, player: Player) -> None:
     """Entries and samples of different lengths change each at its own periods, long after both have begun."""
-    player = Player(bench)
     store(player, noise(bench, 11))
     player.send_all([Slot(slot, bench.weak()) for slot in (0, 1, 2)])
     player.send(Entries((Entry(0, 4), Entry(1, 1), Entry(2, 8))))
@@ -185,9 +163,8 @@ def test_a_modulation_of_a_sequence_keeps_both_in_step(bench: Bench) -> None:
 
 
 @case("BLK-007", "BLK-012", "STA-001", "REQ-003", outputs=("BLK-007", "BLK-012", "BLK-017"), features=MODULATION)
-def test_a_modulation_over_silence_waits_for_what_plays(bench: Bench) -> None:
+def test_a_modulation_over_silence_waits_for_what_plays(bench: Bench, player: Player) -> None:
     """A modulation over silence leaves the device silent and READY, and a later update begins under its sample."""
-    player = Player(bench)
     store(player, noise(bench, 5))
     begin = player.soon(2)
     follows = begin + SETTLED_PERIODS * bench.slowness
@@ -197,8 +174,7 @@ def test_a_modulation_over_silence_waits_for_what_plays(bench: Bench) -> None:
     check_not_yet(bench, follows * TICKS_PER_PERIOD, status.now)
     expect("state, flags and since_period", told(status), (State.READY, StatusFlag.MODULATION, 0))
     bench.wait_until(follows + 1)
-    status = bench.status()
-    expect("state, flags and since_period", told(status), (State.PLAYING, StatusFlag.MODULATION, follows))
+    expect("state, flags and since_period", told(bench.status()), (State.PLAYING, StatusFlag.MODULATION, follows))
     player.judge(begin - 3, follows + 20)
 
 
@@ -208,9 +184,8 @@ def told(status: Status) -> tuple[State, StatusFlag, int]:
 
 
 @case("BLK-007", "BLK-017", "BUD-003", features=MODULATION, needs=CAPTURE)
-def test_an_update_follows_a_modulation_a_period_later(bench: Bench) -> None:
+def test_an_update_follows_a_modulation_a_period_later(bench: Bench, player: Player) -> None:
     """A host that wants both gets both: a modulation at one period, and an update at the next."""
-    player = Player(bench)
     store(player, noise(bench, 5))
     player.send(Update(bench.weak()))
     begin = player.soon(2)
@@ -219,9 +194,8 @@ def test_an_update_follows_a_modulation_a_period_later(bench: Bench) -> None:
 
 
 @case("BUD-006", "BUD-004", "BUD-001/2", "SAF-008", outputs=("BUD-006", "BUD-001/2", "CHN-019"), features=MODULATION)
-def test_the_rate_holds_under_a_modulation(bench: Bench) -> None:
+def test_the_rate_holds_under_a_modulation(bench: Bench, player: Player) -> None:
     """Updates at the rate of INFO begin each at its period under a modulation of one sample a period: no overrun."""
-    player = Player(bench)
     spacing = bench.info.periods_per_update
     count = min(bench.info.queue_blocks - 1, 16)
     store(player, noise(bench, 48))
@@ -233,16 +207,14 @@ def test_the_rate_holds_under_a_modulation(bench: Bench) -> None:
     player.send_all(Update(bench.weak(), first + spacing * number) for number in range(count))
     bench.wait_until(first + spacing * count + SETTLED_PERIODS)
     after = bench.status()
-    expect("missed commits", after.missed_commits, before.missed_commits)
-    expect("late changes", after.late, before.late)
+    expect_all(after, missed_commits=before.missed_commits, late=before.late)
     expect("OVERRUN", Fault.OVERRUN in after.faults, False)
     player.judge(begin - 3, first + spacing * count + 60)
 
 
 @case("CHN-014/2", outputs=("CHN-014/2", "BLK-012", "BLK-007"), features=MODULATION)
-def test_modulations_queued_behind_each_other_begin_in_time(bench: Bench) -> None:
+def test_modulations_queued_behind_each_other_begin_in_time(bench: Bench, player: Player) -> None:
     """A modulation replaces the previous one at its own period, and begins with its own first sample."""
-    player = Player(bench)
     store(player, noise(bench, 64))
     player.send(Update(bench.weak()))
     before = bench.status()
@@ -255,9 +227,8 @@ def test_modulations_queued_behind_each_other_begin_in_time(bench: Bench) -> Non
 
 
 @case("REQ-007", "BLK-017", features=MODULATION | Feature.READ_BACK)
-def test_pulses_are_read_back_before_modulation(bench: Bench) -> None:
+def test_pulses_are_read_back_before_modulation(bench: Bench, player: Player) -> None:
     """PULSES answers what plays as it was sent, under any sample, and since when it plays."""
-    player = Player(bench)
     store(player, bytes([0, 128, 10]))
     pulses = bench.weak()
     player.send(AmplitudeModulation(0, 3, 1))
@@ -275,9 +246,8 @@ def test_pulses_are_read_back_before_modulation(bench: Bench) -> None:
 
 @case("BLK-018", "BLK-012", "REQ-003", outputs=("BLK-018", "BLK-017"), features=BOTH)
 @pytest.mark.parametrize("beneath", ["update", "sequence"])
-def test_the_end_of_a_modulation_leaves_what_plays(bench: Bench, beneath: str) -> None:
+def test_the_end_of_a_modulation_leaves_what_plays(bench: Bench, player: Player, beneath: str) -> None:
     """END_MODULATION lets what plays go on unmodulated, in step and with the period of its own start."""
-    player = Player(bench)
     store(player, noise(bench, 5))
     player.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Entries((Entry(1, 3), Entry(2, 2)))])
     ack = player.send(Update(bench.weak()) if beneath == "update" else PlaySequence(0, 2))
@@ -298,8 +268,7 @@ def test_the_end_of_a_modulation_leaves_what_plays(bench: Bench, beneath: str) -
 
 def silenced(player: Player) -> None:
     """Let SILENCE end everything."""
-    ack = player.send(Output(Action.SILENCE))
-    player.bench.wait_until(ack.commit_period + 1)
+    player.bench.wait_until(player.send(Output(Action.SILENCE)).commit_period + 1)
 
 
 def disabled_by_output(player: Player) -> None:
@@ -322,9 +291,8 @@ def disabled_by_request(player: Player) -> None:
 @pytest.mark.parametrize(
     "end", [silenced, disabled_by_output, disabled_by_request], ids=["SILENCE", "DISABLE", "request-DISABLE"]
 )
-def test_silence_and_disable_end_a_modulation(bench: Bench, end: Callable[[Player], None]) -> None:
+def test_silence_and_disable_end_a_modulation(bench: Bench, player: Player, end: Callable[[Player], None]) -> None:
     """After SILENCE and after DISABLE there is no modulation: the next update plays as it was sent."""
-    player = Player(bench)
     store(player, bytes([0, 60, 128]))
     player.send_all([Update(bench.weak()), AmplitudeModulation(0, 3, 1)])
     bench.wait_periods(SETTLED_PERIODS)
@@ -335,9 +303,8 @@ def test_silence_and_disable_end_a_modulation(bench: Bench, end: Callable[[Playe
 
 
 @case("BLK-018", "BLK-008", outputs=("BLK-018",), features=MODULATION)
-def test_the_end_of_no_modulation_is_accepted(bench: Bench) -> None:
+def test_the_end_of_no_modulation_is_accepted(bench: Bench, player: Player) -> None:
     """END_MODULATION without a modulation is accepted, over silence and over an update, and does nothing."""
-    player = Player(bench)
     ack = player.send(Output(Action.END_MODULATION))
     bench.wait_until(ack.commit_period + 1)
     expect("the status", told(bench.status()), (State.READY, StatusFlag(0), 0))
@@ -359,9 +326,8 @@ NOT_ENDS: dict[str, Callable[[Bench], object]] = {
 
 @case("BLK-017", "BLK-008", "REQ-005", outputs=("BLK-017",), features=MODULATION)
 @pytest.mark.parametrize("what", NOT_ENDS)
-def test_nothing_else_ends_a_modulation(bench: Bench, what: str) -> None:
+def test_nothing_else_ends_a_modulation(bench: Bench, player: Player, what: str) -> None:
     """ENABLE, a new numbering, a refused OUTPUT and CLEAR_FAULTS do not disturb a modulation."""
-    player = Player(bench)
     store(player, noise(bench, 5))
     player.send_all([Update(bench.weak()), AmplitudeModulation(0, 5, 3)])
     bench.wait_periods(SETTLED_PERIODS)
@@ -376,20 +342,14 @@ def test_nothing_else_ends_a_modulation(bench: Bench, what: str) -> None:
 
 
 @case("BLK-022", "BLK-008", outputs=("BLK-022", "BLK-008"), features=MODULATION)
-def test_what_modulates_is_not_overwritten(bench: Bench) -> None:
+def test_what_modulates_is_not_overwritten(bench: Bench, player: Player) -> None:
     """A store over a sample of a modulation, queued or playing, is refused with IN_USE, even with the same bytes."""
-    player = Player(bench)
     samples = noise(bench, 10)
     store(player, samples, 500)
     player.send(Update(bench.weak()))
     begin = player.soon(8) + SETTLED_PERIODS
     player.send(AmplitudeModulation(500, 10, 2, begin))
-    over = [
-        Samples(samples[:1], 500),
-        Samples(bytes(1), 509),
-        Samples(bytes(2), 499),
-        Samples(bytes(SAMPLES_PER_BLOCK), 509),
-    ]
+    over = [Samples(samples[:1], 500), *(Samples(bytes(n), at) for n, at in ((1, 509), (2, 499), (480, 509)))]
     for body in over:
         check_refused(bench, body, Reason.IN_USE)
     bench.wait_until(begin + 2)
@@ -402,15 +362,13 @@ def test_what_modulates_is_not_overwritten(bench: Bench) -> None:
 
 def ended(player: Player) -> None:
     """Let END_MODULATION end a modulation."""
-    ack = player.send(Output(Action.END_MODULATION))
-    player.bench.wait_until(ack.commit_period)
+    player.bench.wait_until(player.send(Output(Action.END_MODULATION)).commit_period)
 
 
 def replaced(player: Player) -> None:
     """Let another modulation end a modulation."""
     store(player, bytes(1), 4000)
-    ack = player.send(AmplitudeModulation(4000, 1, 1))
-    player.bench.wait_until(ack.commit_period)
+    player.bench.wait_until(player.send(AmplitudeModulation(4000, 1, 1)).commit_period)
 
 
 @case("BLK-022", features=MODULATION)
@@ -419,9 +377,10 @@ def replaced(player: Player) -> None:
     [ended, replaced, silenced, disabled_by_output, disabled_by_request],
     ids=["END_MODULATION", "modulation", "SILENCE", "DISABLE", "request-DISABLE"],
 )
-def test_what_modulates_no_longer_may_be_overwritten(bench: Bench, end: Callable[[Player], None]) -> None:
+def test_what_modulates_no_longer_may_be_overwritten(
+    bench: Bench, player: Player, end: Callable[[Player], None]
+) -> None:
     """A modulation's samples may be stored again as soon as its end has taken effect, and not before."""
-    player = Player(bench)
     store(player, noise(bench, 4), 7)
     player.send_all([Update(bench.weak()), AmplitudeModulation(7, 4, 1)])
     bench.wait_periods(SETTLED_PERIODS)
@@ -432,9 +391,8 @@ def test_what_modulates_no_longer_may_be_overwritten(bench: Bench, end: Callable
 
 
 @case("BLK-022", features=MODULATION)
-def test_an_update_frees_no_sample(bench: Bench) -> None:
+def test_an_update_frees_no_sample(bench: Bench, player: Player) -> None:
     """What ends an update does not end the modulation: its samples stay in use."""
-    player = Player(bench)
     store(player, noise(bench, 4))
     player.send_all([Update(bench.weak()), AmplitudeModulation(0, 4, 1)])
     ack = player.send(Update(bench.weak()))
@@ -443,9 +401,8 @@ def test_an_update_frees_no_sample(bench: Bench) -> None:
 
 
 @case("BLK-016", "SAF-002", "SAF-004", outputs=("BLK-016",), features=MODULATION)
-def test_what_is_stored_stays_over_disable(bench: Bench) -> None:
+def test_what_is_stored_stays_over_disable(bench: Bench, player: Player) -> None:
     """Samples can be stored while the outputs are off, and survive DISABLE and another session."""
-    player = Player(bench)
     bench.disable()
     store(player, noise(bench, 6), 90)
     expect("the reason for a modulation while off", bench.send(AmplitudeModulation(90, 6, 1)).reason, Reason.DISABLED)

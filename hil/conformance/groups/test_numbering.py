@@ -12,6 +12,7 @@ from phasewire.hil.conformance.tools.steps import (
     Wrong,
     begin,
     check_same,
+    expect_all,
     far,
     let_stores_go,
     refuse,
@@ -68,8 +69,7 @@ def test_numbers_wrap_without_a_gap(bench: Bench) -> None:
     before = bench.status()
     acks = bench.send_raw(*(pack(Block(NoOp(), (FIRST + step) % NUMBERS)) for step in range(1, 7)))
     for ack in acks:
-        expect(f"the reason for number {ack.sequence}", ack.reason, Reason.ACCEPTED)
-        expect(f"flags for number {ack.sequence}", ack.flags, AckFlag(0))
+        expect_all(ack, f" for number {ack.sequence}", reason=Reason.ACCEPTED, flags=AckFlag(0))
     check_same(before, bench.status(), accepted=(before.accepted + 6) % NUMBERS)
 
 
@@ -92,8 +92,7 @@ def test_a_block_that_comes_twice_is_carried_out_once(bench: Bench) -> None:
     begin(bench)
     block = pack(bench.numbered(Update(bench.weak(), far(bench))))
     (ack,) = bench.send_raw(block)
-    expect("the reason", ack.reason, Reason.ACCEPTED)
-    expect("free", ack.free, bench.info.queue_blocks - 1)
+    expect_all(ack, reason=Reason.ACCEPTED, free=bench.info.queue_blocks - 1)
     refuse(bench, [Wrong("the same block", block, Reason.SEQUENCE)] * 3)
 
 

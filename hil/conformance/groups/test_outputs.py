@@ -14,6 +14,8 @@ from phasewire.hil.conformance.tools.steps import (
     Wrong,
     begin,
     check_same,
+    enable,
+    expect_all,
     far,
     features_of,
     forge,
@@ -71,8 +73,7 @@ def test_an_output_ends_at_its_period(bench: Bench, action: Action) -> None:
     status = bench.status()
     plays = action is Action.END_MODULATION
     states = {Action.END_MODULATION: State.PLAYING, Action.SILENCE: State.READY, Action.DISABLE: State.OFF}
-    expect("the state", status.state, states[action])
-    expect("flags in STATUS", status.flags, StatusFlag(0))
+    expect_all(status, " in STATUS", state=states[action], flags=StatusFlag(0))
     expect("whether something plays since a period", bool(status.since_period), plays)
     left = expected_words(pulses, bench.wiring) if plays else SILENCE
     steps = [(since, expected_words(modulated(pulses, SAMPLE), bench.wiring)), (named, left)]
@@ -140,13 +141,10 @@ def test_an_output_takes_effect_behind_what_is_queued(bench: Bench, action: Acti
     expect("commit_period of the update", bench.must(Update(bench.weak(), named)).commit_period, named)
     ack = bench.must(Output(action))
     assert ack.commit_period > named, f"the OUTPUT takes effect at {ack.commit_period}, should be after {named}"
-    expect("flags", ack.flags, AckFlag(0))
-    expect("free", ack.free, bench.info.queue_blocks - 2)
+    expect_all(ack, flags=AckFlag(0), free=bench.info.queue_blocks - 2)
     expect("the state", bench.status().state, State.READY)
     bench.disable()
-    status = bench.status()
-    expect("the state after DISABLE", status.state, State.OFF)
-    expect("free after DISABLE", status.free, bench.info.queue_blocks)
+    expect_all(bench.status(), " after DISABLE", state=State.OFF, free=bench.info.queue_blocks)
 
 
 @case("BLK-018", "SAF-002", outputs=("BLK-018", "SAF-002"))
@@ -164,15 +162,8 @@ def test_what_is_behind_a_disable_is_dropped(bench: Bench) -> None:
             assert ack.commit_period > named, f"commit_period is {ack.commit_period}, should be after {named}"
             expect("flags", ack.flags, AckFlag(0))
     bench.wait_until(named + 1)
-    after = bench.status()
-    check_same(
-        before,
-        after,
-        state=State.OFF,
-        since_period=0,
-        accepted=(before.accepted + 3) % 2**32,
-        free=bench.info.queue_blocks,
-    )
+    moved = {"state": State.OFF, "since_period": 0, "accepted": (before.accepted + 3) % 2**32}
+    check_same(before, bench.status(), **moved, free=bench.info.queue_blocks)
     bench.enable()
     steps = [(began, expected_words(pulses, bench.wiring)), (named, SILENCE)]
     bench.judge(began, named + 200, lambda seen: check_play(seen, steps))
@@ -190,10 +181,7 @@ def test_it_has_no_effect(bench: Bench, body: Clock | NoOp) -> None:
     bench.wait_until(bench.period() + 20)
     before = bench.status()
     for _ in range(5):
-        ack = bench.must(body)
-        expect("free", ack.free, bench.info.queue_blocks - 1)
-        expect("flags", ack.flags, AckFlag(0))
-        expect("the state", ack.state, State.PLAYING)
+        expect_all(bench.must(body), free=bench.info.queue_blocks - 1, flags=AckFlag(0), state=State.PLAYING)
     check_same(before, bench.status(), accepted=(before.accepted + 5) % 2**32)
 
 
@@ -210,8 +198,7 @@ def test_a_clock_tells_the_last_pulse_of_the_sync_line(bench: Bench) -> None:
 @pytest.mark.parametrize("body", [Clock(), NoOp()], ids=["clock", "no-op"])
 def test_it_is_a_sign_of_life(bench: Bench, body: Clock | NoOp) -> None:
     """While CLOCK or NO_OP come the watchdog does not fire: their host is present, with nothing to change."""
-    bench.order(Request.WATCHDOG, ms := 200 * bench.slowness)
-    bench.enable()
+    enable(bench, ms := 200 * bench.slowness)
     acks = []
     for _ in range(6):
         bench.wait(ms / 2500)
@@ -254,8 +241,7 @@ def test_changes_are_refused_until_enable(bench: Bench) -> None:
     """Before ENABLE changes are refused with DISABLED, and stores, CLOCK and NO_OP accepted; afterwards all are."""
     bench.must(NoOp())
     check_off(bench)
-    bench.order(Request.WATCHDOG, 5000)
-    bench.enable()
+    enable(bench)
     for name in CHANGES:
         bench.must(BODIES[name])
 
@@ -275,6 +261,5 @@ def test_changes_are_refused_after_disable(bench: Bench, how: str) -> None:
         bench.await_unasked(1)
     bench.wait_periods(6)
     check_off(bench)
-    bench.order(Request.WATCHDOG, 5000)
-    bench.enable()
+    enable(bench)
     bench.must(Update(SILENT))

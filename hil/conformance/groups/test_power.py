@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from operator import attrgetter
 
 import pytest
 from phasewire.base.errors import DeviceError
@@ -14,7 +13,7 @@ from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expe
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.playing import CLOCK_ERROR, judge_silence_since
-from phasewire.hil.conformance.tools.steps import LONG_MS, check_sync, enable, suspended
+from phasewire.hil.conformance.tools.steps import LONG_MS, check_sync, enable, expect_all, known, suspended
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Entries,
@@ -45,16 +44,7 @@ LINE_CODING = bytes([0x80, 0x25, 0, 0, 2, 1, 7])
 LINE_CODING_AT_FIRST = bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8])
 COUNTERS = ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages")
 
-
-NAME = attrgetter("name")
-
-
 # Restarts
-
-
-def reset(bench: Bench) -> None:
-    """The request RESET."""
-    bench.restart(lambda: bench.order(Request.RESET))
 
 
 def cut_power(bench: Bench) -> None:
@@ -65,16 +55,15 @@ def cut_power(bench: Bench) -> None:
 
 
 Restart = Callable[[Bench], None]
-either_restart = pytest.mark.parametrize("restart", [reset, cut_power], ids=["reset", "power"])
+either_restart = pytest.mark.parametrize(
+    "restart", [lambda bench: bench.restart(lambda: bench.order(Request.RESET)), cut_power], ids=["reset", "power"]
+)
 
 
 def store_everything(bench: Bench) -> None:
     """An entry of slot 3 at place 7, and two samples at place 9, if the device keeps them."""
-    if Feature.SEQUENCES in bench.info.features:
-        bench.must(Slot(3, bench.weak(0.5)))
-        bench.must(Entries((Entry(3, 40),), 7))
-    if Feature.MODULATION in bench.info.features:
-        bench.must(Samples(bytes([255, 128]), 9))
+    for body in known(bench, Slot(3, bench.weak(0.5)), Entries((Entry(3, 40),), 7), Samples(bytes([255, 128]), 9)):
+        bench.must(body)
 
 
 def play(bench: Bench) -> Ack:
@@ -95,23 +84,20 @@ def test_everything_begins_anew_with_a_restart(bench: Bench, restart: Restart) -
     bench.send_raw(forged(pack(bench.numbered(NoOp())), checksum=0))
     bench.order(Request.LIMIT, bench.drive_limit - 1)
     play(bench)
-    if Feature.MODULATION in bench.info.features:
-        bench.must(Samples(bytes([255])))
-        bench.must(AmplitudeModulation(0, 1, 1))
+    for body in known(bench, Samples(bytes([255])), AmplitudeModulation(0, 1, 1)):
+        bench.must(body)
     began = bench.line.time.monotonic()
     restart(bench)
     status = bench.status()
     passed = bench.line.time.monotonic() - began
-    expect("the state", status.state, State.OFF)
-    expect("the faults", status.faults, Fault(0))
-    expect("the last refusal", status.last_refusal, Reason.ACCEPTED)
-    expect("the flags", status.flags, StatusFlag(0))
-    expect("what plays since", status.since_period, 0)
+    expect_all(
+        status, state=State.OFF, faults=Fault(0), last_refusal=Reason.ACCEPTED, flags=StatusFlag(0), since_period=0
+    )
     for name in COUNTERS:
         expect(f"the status' {name}", getattr(status, name), 0)
-    expect("the room in the queue", status.free, bench.info.queue_blocks)
-    expect("the watchdog's time", status.watchdog_ms, bench.info.watchdog_ms)
-    expect("the drive limit", status.drive_limit, bench.info.drive_limit)
+    expect_all(
+        status, free=bench.info.queue_blocks, watchdog_ms=bench.info.watchdog_ms, drive_limit=bench.info.drive_limit
+    )
     most = passed * (1 + CLOCK_ERROR)
     assert status.now / TICK_HZ <= most, (
         f"the time is {status.now / TICK_HZ:.6f} s, {passed:.6f} s after the restart was requested; should begin at 0"
@@ -164,8 +150,7 @@ def test_any_number_is_accepted_after_a_restart(bench: Bench, restart: Restart) 
     old = (bench.must(NoOp()).sequence - 1000) % 2**32
     expect("the reason for an old number", bench.send(NoOp(), number=old).reason, Reason.SEQUENCE)
     restart(bench)
-    ack = bench.must(NoOp(), number=old, restart=False)
-    expect("its flags", ack.flags, AckFlag(0))
+    expect("its flags", bench.must(NoOp(), number=old, restart=False).flags, AckFlag(0))
     expect("the count of lost blocks", bench.status().lost, 0)
     expect("the reason for its number again", bench.send(NoOp(), number=old).reason, Reason.SEQUENCE)
 
@@ -225,20 +210,18 @@ def test_reset_leaves_the_bus(bench: Bench) -> None:
 
 @case("REQ-001", "REQ-013", allow=(Risk.RESET,))
 @pytest.mark.parametrize(
-    ("setup", "data"),
+    "setup",
     [
-        (Setup(0x41, Request.RESET, 1, 0, 0), b""),
-        (Setup(0x41, Request.RESET, 0, 1, 0), b""),
-        (Setup(0x41, Request.RESET, 0, 0, 1), b"\0"),
-        (Setup(0xC1, Request.RESET, 0, 0, 1), b""),
+        Setup(kind, Request.RESET, *rest)
+        for kind, *rest in ((0x41, 1, 0, 0), (0x41, 0, 1, 0), (0x41, 0, 0, 1), (0xC1, 0, 0, 1))
     ],
     ids=["value", "index", "data", "in"],
 )
-def test_what_is_no_reset_restarts_nothing(bench: Bench, setup: Setup, data: bytes) -> None:
+def test_what_is_no_reset_restarts_nothing(bench: Bench, setup: Setup) -> None:
     """RESET with a wrong value, index or direction, or with data, is answered with STALL and restarts nothing."""
     bench.must(NoOp())
     before = bench.status()
-    answer = bench.request(setup, data)
+    answer = bench.request(setup, b"" if setup.is_in else bytes(setup.length))
     assert answer is None, f"{setup} is answered with {answer!r}, should be with STALL"
     bench.wait(0.05)
     after = bench.status()
@@ -261,9 +244,7 @@ def test_reset_over_a_serial_line_is_answered_first(bench: Bench) -> None:
     bench.restart(lambda: None)
     expect("the list of replies", replies, [SerialReply(0x5A, Outcome.DONE)])
     assert seen[-1:] == [LineMode.CONSOLE], f"no CONSOLE follows the reply, but {seen}"
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("the count of accepted blocks", status.accepted, 0)
+    expect_all(bench.status(), state=State.OFF, accepted=0)
 
 
 @case("USB-026", "REQ-013", allow=(Risk.RESET,), line="usb")
@@ -387,9 +368,7 @@ def test_what_plays_unattended_goes_on_while_the_bus_is_suspended(bench: Bench) 
     with suspended(bench):
         bench.wait(0.2)
     expect("what comes unasked", bench.listen(), [])
-    status = bench.status()
-    expect("the state", status.state, State.UNATTENDED)
-    expect("what plays since", status.since_period, ack.commit_period)
+    expect_all(bench.status(), state=State.UNATTENDED, since_period=ack.commit_period)
 
 
 @case(
@@ -412,9 +391,7 @@ def test_suspend_follows_where_a_sequence_ends_on_a_suspended_bus(bench: Bench) 
     play_unattended(bench, periods=2000, repeats=2)
     with suspended(bench):
         bench.wait(0.3)
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag(0))
+    expect_all(bench.status(), state=State.OFF, flags=StatusFlag(0))
     found = bench.listen()
     expect("the states of the unsolicited records", [record.state.name for record in found], ["OFF"])
 
@@ -449,16 +426,18 @@ def test_an_unplugged_device_is_found_reset(bench: Bench) -> None:
     with unplugged(bench):
         bench.wait(0.02)
     after = bench.status()
-    expect("the state", after.state, State.OFF)
-    expect("what plays since", after.since_period, 0)
-    expect("the room in the queue", after.free, bench.info.queue_blocks)
-    expect("the count of accepted blocks", after.accepted, (before.accepted + 1) % 2**32)
-    expect("the watchdog's time", after.watchdog_ms, LONG_MS)
+    expect_all(
+        after,
+        state=State.OFF,
+        since_period=0,
+        free=bench.info.queue_blocks,
+        accepted=(before.accepted + 1) % 2**32,
+        watchdog_ms=LONG_MS,
+    )
     assert after.now > before.now, f"the time is {after.now}, should go on from {before.now}"
     expect("what comes unasked", bench.listen(), [])
     expect("the line coding", bench.request(Setup(0xA1, 0x21, 0, CONSOLE, 7)), LINE_CODING_AT_FIRST)
-    ack = bench.must(NoOp(), number=old)
-    expect("the flags of any number", ack.flags, AckFlag(0))
+    expect("the flags of any number", bench.must(NoOp(), number=old).flags, AckFlag(0))
     bench.wait_until(queued.commit_period + 2)
     expect("the state after the period of what was queued", bench.status().state, State.OFF)
     bench.enable()
@@ -482,9 +461,7 @@ def test_what_plays_unattended_ends_with_the_next_host(bench: Bench) -> None:
     play_unattended(bench)
     with unplugged(bench):
         bench.wait(0.02)
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag(0))
+    expect_all(bench.status(), state=State.OFF, flags=StatusFlag(0))
 
 
 @case("SAF-005", "USB-020", needs=(*PLUG, Need.CAPTURE), features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
@@ -551,6 +528,4 @@ def check_plays_on(bench: Bench) -> None:
     bench.wait(0.02)
     expect("the state without a cable", bench.status().state, State.PLAYING)
     bench.levers.plug()
-    status = bench.status()
-    expect("the state", status.state, State.PLAYING)
-    expect("what plays since", status.since_period, ack.commit_period)
+    expect_all(bench.status(), state=State.PLAYING, since_period=ack.commit_period)

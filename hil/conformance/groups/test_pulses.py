@@ -13,6 +13,7 @@ from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, only
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.player import Player
+from phasewire.hil.conformance.tools.steps import expect_all
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -63,18 +64,16 @@ def play_all(bench: Bench, player: Player, pulses: list[Pulses]) -> None:
 
 
 @case("PUL-004", "PUL-001", "PUL-002", "PUL-005", "BLK-006", "CHN-003", needs=[Need.CAPTURE], allow=[Risk.DRIVE])
-def test_every_pulse_is_right_on_every_output(bench: Bench) -> None:
+def test_every_pulse_is_right_on_every_output(bench: Bench, player: Player) -> None:
     """Each of the 100 phases and 26 widths plays on each of the 320 outputs, or some of them on a slow line."""
-    player = Player(bench)
     pulses = list(pairs_in_turn(bench))
     pulses = bench.random.sample(pulses, bench.tries(len(pulses), SLOW_UPDATES))
     play_all(bench, player, pulses)
 
 
 @case("PUL-004", "PUL-001", "PUL-002", "PUL-005", "BLK-006", needs=[Need.CAPTURE])
-def test_every_pulse_is_right_on_some_output(bench: Bench) -> None:
+def test_every_pulse_is_right_on_some_output(bench: Bench, player: Player) -> None:
     """Each pair of phase and width plays on an output of its own, as many at a time as the limit allows."""
-    player = Player(bench)
     pairs = bench.random.sample(range(PAIRS), PAIRS)
     updates = []
     while pairs:
@@ -95,9 +94,8 @@ WRAPPING = [(0, 25), (1, 25), (99, 25), (0, 1), (1, 1), (99, 2), (0, 2), (24, 25
 
 @case("PUL-004", "PUL-001", needs=[Need.CAPTURE])
 @pytest.mark.parametrize(("phase", "width"), WRAPPING)
-def test_a_pulse_goes_round_the_end_of_the_period(bench: Bench, phase: int, width: int) -> None:
+def test_a_pulse_goes_round_the_end_of_the_period(bench: Bench, player: Player, phase: int, width: int) -> None:
     """A pulse that wraps is one pulse of its width in the formula's ticks, in its first period too."""
-    player = Player(bench)
     transducer = bench.random.randrange(CHANNELS)
     ack = player.send(Update(only(transducer, phase, width)))
     channel = int(bench.wiring.channels[transducer])
@@ -117,9 +115,8 @@ def test_a_pulse_goes_round_the_end_of_the_period(bench: Bench, phase: int, widt
 
 
 @case("PUL-002", outputs=("PUL-002", "PUL-001"))
-def test_width_0_is_silent_whatever_the_phase(bench: Bench) -> None:
+def test_width_0_is_silent_whatever_the_phase(bench: Bench, player: Player) -> None:
     """Pulses of width 0 with every phase leave all outputs low, although they count as an update that plays."""
-    player = Player(bench)
     player.send(Update(bench.weak()))
     phases = [37 * transducer % PHASES for transducer in range(CHANNELS)]
     ack = player.send(Update(Pulses(phases, np.zeros(CHANNELS, int)), player.soon()))
@@ -134,9 +131,8 @@ def test_width_0_is_silent_whatever_the_phase(bench: Bench) -> None:
 
 @case("PUL-001", "BLK-008")
 @pytest.mark.parametrize(("phase", "width"), [(100, 0), (100, 10), (127, 25), (0, 26), (99, 31), (127, 31)])
-def test_a_reserved_pulse_is_refused(bench: Bench, phase: int, width: int) -> None:
+def test_a_reserved_pulse_is_refused(bench: Bench, player: Player, phase: int, width: int) -> None:
     """A phase above 99 or a width above 25 of a single transducer has its block refused, and what plays goes on."""
-    player = Player(bench)
     ack = player.send(Update(bench.weak()))
     bench.wait_until(ack.commit_period + 1)
     silent = Pulses.silent(CHANNELS)
@@ -147,8 +143,7 @@ def test_a_reserved_pulse_is_refused(bench: Bench, phase: int, width: int) -> No
         for body in bodies:
             before = bench.status()
             (refused,) = bench.send_raw(with_pulse(pack(bench.numbered(body)), place, phase, width))
-            expect(f"the reason, with the pulse at place {place}", refused.reason, Reason.PULSE)
-            expect("the commit period", refused.commit_period, 0)
+            expect_all(refused, f", with the pulse at place {place}", reason=Reason.PULSE, commit_period=0)
             after = bench.status()
             expect("the count of refused blocks", after.refused - before.refused, 1)
             expect("the count of accepted blocks", after.accepted, before.accepted)
@@ -157,9 +152,8 @@ def test_a_reserved_pulse_is_refused(bench: Bench, phase: int, width: int) -> No
 
 
 @case("PUL-001")
-def test_the_extreme_pulses_are_accepted(bench: Bench) -> None:
+def test_the_extreme_pulses_are_accepted(bench: Bench, player: Player) -> None:
     """Phase 99 and width 25, the greatest values, are accepted."""
-    player = Player(bench)
     for phase, width in [(99, 25), (99, 0), (0, 25), (0, 0)]:
         player.send(Update(only(bench.random.randrange(CHANNELS), phase, width)))
 
@@ -176,9 +170,8 @@ def with_pulse(block: bytes, place: int, phase: int, width: int) -> bytes:
 
 
 @case("PUL-005", "BLK-006", needs=[Need.CAPTURE])
-def test_pulses_are_packed_as_the_specification_shows(bench: Bench) -> None:
+def test_pulses_are_packed_as_the_specification_shows(bench: Bench, player: Player) -> None:
     """The three bytes of the example drive the first two transducers as specified: low half first, least byte first."""
-    player = Player(bench)
     block = forged(pack(bench.numbered(Update(Pulses.silent(CHANNELS)))), bytes.fromhex("E31C10"))
     (ack,) = bench.send_raw(block)
     expect("the reason", ack.reason, Reason.ACCEPTED)
@@ -189,9 +182,8 @@ def test_pulses_are_packed_as_the_specification_shows(bench: Bench) -> None:
 
 
 @case("PUL-006", "BLK-016", "BLK-017", "TIM-003", needs=[Need.CAPTURE], features=Feature.SEQUENCES | Feature.MODULATION)
-def test_every_width_is_right_under_every_sample(bench: Bench) -> None:
+def test_every_width_is_right_under_every_sample(bench: Bench, player: Player) -> None:
     """On each processor each of the 26 widths plays under each of the 256 samples, with phases of either parity."""
-    player = Player(bench)
     transducers = bench.wiring.channels.argsort().reshape(PROCESSORS, CHANNELS_PER_PROCESSOR)
     if POWERS.sum() > 1000 * bench.drive_limit:
         raise Inconclusive(f"all widths at once need more drive than {bench.drive_limit} transducers'")

@@ -19,6 +19,8 @@ from phasewire.hil.conformance.tools.steps import (
     await_state,
     begin,
     check_same,
+    enable,
+    expect_all,
     far,
     forge,
     heavy,
@@ -101,8 +103,7 @@ def refuse_requests(bench: Bench, setups: list[tuple[Setup, bytes]]) -> None:
         assert answer is None, f"request {setup.encode().hex(' ')} is answered, should be STALL"
     after = bench.status()
     check_same(before, after)
-    expect("the count of refused blocks", after.refused, before.refused)
-    expect("the last refusal", after.last_refusal, before.last_refusal)
+    expect_all(after, refused=before.refused, last_refusal=before.last_refusal)
 
 
 # Arguments
@@ -207,9 +208,7 @@ def test_nothing_is_answered_while_not_configured(bench: Bench) -> None:
             expect(f"request {number} while not configured", bench.request(setup), None)
     finally:
         bench.usb.set_configuration()
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("watchdog_ms", status.watchdog_ms, bench.info.watchdog_ms)
+    expect_all(bench.status(), state=State.OFF, watchdog_ms=bench.info.watchdog_ms)
 
 
 @case("REQ-001", "REQ-009", "REQ-010", "REQ-012")
@@ -290,8 +289,7 @@ def test_info_and_wiring_do_not_change(bench: Bench) -> None:
     """INFO and WIRING answer the same bytes whatever the device does, and after any request."""
     info, wiring = bench.ask(Request.INFO), bench.ask(Request.WIRING)
     bench.order(Request.LIMIT, 1)
-    bench.order(Request.WATCHDOG, 60_000)
-    bench.enable()
+    enable(bench, 60_000)
     bench.must(Update(SILENT))
     bench.wait_periods(8)
     expect("INFO while it plays", bench.ask(Request.INFO), info)
@@ -400,67 +398,51 @@ def let_sequence_end(bench: Bench) -> int:
     return count
 
 
-def let_watchdog_fire(bench: Bench) -> int:
+def let_watchdog_fire(bench: Bench) -> None:
     """Let the watchdog fire."""
     bench.order(Request.WATCHDOG, 10)
     bench.await_unasked(1)
     expect("watchdog_ms after the watchdog has fired", bench.status().watchdog_ms, 10)
     bench.order(Request.WATCHDOG, KEPT_MS)
-    return 0
 
 
-def suspend(bench: Bench) -> int:
+def suspend(bench: Bench) -> None:
     """Suspend the bus and resume it."""
     if not bench.can(Need.SUSPEND):
         raise Inconclusive(unmet(Need.SUSPEND))
     bench.usb.set_configuration()
     bench.levers.suspend()
     bench.levers.resume()
-    return 0
 
 
-def reset_bus(bench: Bench) -> int:
+def reset_bus(bench: Bench) -> None:
     """Reset the bus."""
     if Risk.RESET not in bench.allowed:
         raise Inconclusive(not_allowed(Risk.RESET))
     bench.usb.reset()
-    return 0
 
 
-def configure_anew(bench: Bench) -> int:
-    """Configure the device once more."""
-    bench.usb.set_configuration()
-    return 0
-
-
-def choose_setting_anew(bench: Bench) -> int:
-    """Select the setting of interface 0 again."""
-    bench.usb.set_interface(0)
-    return 0
-
-
-def make(bench: Bench, *orders: Request) -> int:
-    """Make requests."""
-    for order in orders:
-        bench.order(order)
-    return 0
+def enable_again(bench: Bench) -> None:
+    """DISABLE and ENABLE."""
+    bench.order(Request.DISABLE)
+    bench.enable()
 
 
 KEPT_MS = 54_321
-KEEPS: dict[str, Callable[[Bench], int]] = {
-    "enable": lambda bench: make(bench, Request.DISABLE, Request.ENABLE),
-    "disable": lambda bench: make(bench, Request.DISABLE),
-    "clear-faults": lambda bench: make(bench, Request.CLEAR_FAULTS),
+KEEPS: dict[str, Callable[[Bench], int | None]] = {
+    "enable": enable_again,
+    "disable": lambda bench: bench.order(Request.DISABLE),
+    "clear-faults": lambda bench: bench.order(Request.CLEAR_FAULTS),
     "accepted-blocks": lambda bench: accept(bench, NoOp(), Clock(), Update(SILENT), Output(Action.SILENCE)),
     "output-disable": lambda bench: accept(bench, Output(Action.DISABLE)),
     "the-end-of-a-sequence": let_sequence_end,
     "the-watchdog": let_watchdog_fire,
     "suspend": suspend,
     "bus-reset": reset_bus,
-    "set-configuration": configure_anew,
-    "set-interface": choose_setting_anew,
+    "set-configuration": lambda bench: bench.usb.set_configuration(),
+    "set-interface": lambda bench: bench.usb.set_interface(0),
 }
-"""Events that leave counters, last refusal and settings unchanged; each returns the number of accepted blocks."""
+"""Events that leave counters, last refusal and settings unchanged, if they return no number of accepted blocks."""
 KEPT = (
     *("last_refusal", "refused", "late", "lost", "missed_commits", "damaged_messages"),
     *("dropped_frames", "faults", "watchdog_ms", "drive_limit"),
@@ -472,15 +454,14 @@ KEPT = (
 def test_counts_and_the_last_refusal_are_kept(bench: Bench, what: str) -> None:
     """Counters, last refusal, watchdog time and limit in STATUS stay as they are through all changes of state."""
     bench.order(Request.LIMIT, 1)
-    bench.order(Request.WATCHDOG, KEPT_MS)
-    bench.enable()
+    enable(bench, KEPT_MS)
     first = bench.must(NoOp()).sequence
     refuse(bench, [Wrong("an update beyond the horizon", forge(bench, Update(SILENT, 2**63)), Reason.HORIZON)])
     bench.must(NoOp(), number=(first + 5) % 2**32)
     bench.must(Update(SILENT, 1))
     before = bench.status()
     bench.unasked.clear()
-    accepted = KEEPS[what](bench)
+    accepted = KEEPS[what](bench) or 0
     after = bench.status()
     for name in KEPT:
         expect(f"{name} in STATUS", getattr(after, name), getattr(before, name))
@@ -525,18 +506,14 @@ def play(bench: Bench, body: Update | PlaySequence | AmplitudeModulation | Outpu
     began = bench.must(Update(body.pulses, period) if isinstance(body, Update) else body).commit_period
     after = bench.status()
     if after.period < began:
-        expect("since_period before the change", after.since_period, before.since_period)
-        expect("flags before the change", after.flags, before.flags)
+        expect_all(after, " before the change", since_period=before.since_period, flags=before.flags)
     bench.wait_until(began)
     return began
 
 
 def check_plays(bench: Bench, what: str, state: State, flags: StatusFlag, since: int) -> None:
     """Check what a status says about what plays."""
-    status = bench.status()
-    expect(f"the state with {what}", status.state, state)
-    expect(f"flags with {what}", status.flags, flags)
-    expect(f"since_period with {what}", status.since_period, since)
+    expect_all(bench.status(), f" with {what}", state=state, flags=flags, since_period=since)
 
 
 @case("REQ-003", "SAF-003")
@@ -545,15 +522,13 @@ def test_watchdog_fired_is_said_until_enable(bench: Bench) -> None:
     bench.enable()
     bench.disable()
     expect("flags after DISABLE", bench.status().flags, StatusFlag(0))
-    bench.order(Request.WATCHDOG, 20)
-    bench.enable()
+    enable(bench, 20)
     bench.outlast(0.06)
     for _ in range(2):
         expect("flags after the watchdog", bench.status().flags, StatusFlag.WATCHDOG_FIRED)
     bench.order(Request.DISABLE)
     expect("flags after DISABLE", bench.status().flags, StatusFlag.WATCHDOG_FIRED)
-    bench.order(Request.WATCHDOG, LONG_MS)
-    bench.enable()
+    enable(bench)
     expect("flags after ENABLE", bench.status().flags, StatusFlag(0))
 
 
@@ -580,8 +555,7 @@ def test_enable_while_enabled_changes_nothing(bench: Bench) -> None:
 def test_enable_and_status_are_signs_of_life(bench: Bench) -> None:
     """ENABLE and STATUS keep the watchdog from firing; the other requests are no signs of life."""
     for request in (Request.ENABLE, Request.STATUS):
-        bench.order(Request.WATCHDOG, ms := 200 * bench.slowness)
-        bench.enable()
+        enable(bench, ms := 200 * bench.slowness)
         times = [bench.clock().now]
         for _ in range(6):
             bench.wait(ms / 2500)
@@ -594,8 +568,7 @@ def test_enable_and_status_are_signs_of_life(bench: Bench) -> None:
         if gap >= 0.97 * ms:
             raise TooSlow(f"the host was held up for {gap:.0f} ms, as long as the watchdog's time")
         expect(f"the state, with {request.name}", bench.status().state, State.READY)
-    bench.order(Request.WATCHDOG, 100)
-    bench.enable()
+    enable(bench, 100)
     due = bench.clock().now + 3 * TICK_HZ // 20
     while bench.clock().now < due:
         for number in (Request.INFO, Request.CLOCK, Request.PROCESSORS):
@@ -851,13 +824,11 @@ def test_the_watchdog_takes_10_to_60000_ms(bench: Bench) -> None:
 @case("REQ-009", "SAF-003")
 def test_the_watchdogs_time_holds_at_once(bench: Bench) -> None:
     """A shorter time holds at once, counted from the last sign of life: if that is too long ago, the watchdog fires."""
-    bench.order(Request.WATCHDOG, LONG_MS)
-    bench.enable()
+    enable(bench)
     bench.outlast(0.1)
     bench.order(Request.WATCHDOG, 50)
     expect("the state after 100 ms with 50 ms", bench.await_unasked(1).state, State.OFF)
-    bench.order(Request.WATCHDOG, 300)
-    bench.enable()
+    enable(bench, 300)
     bench.outlast(0.1)
     bench.order(Request.WATCHDOG, LONG_MS)
     bench.outlast(0.4)
@@ -871,14 +842,14 @@ def test_watchdog_and_limit_stay(bench: Bench) -> None:
     bench.order(Request.LIMIT, 1)
     bench.enable()
     bench.must(Update(SILENT))
-    check_settings(bench, 4321, 1)
+    expect_all(bench.status(), watchdog_ms=4321, drive_limit=1)
     bench.disable()
-    check_settings(bench, 4321, 1)
+    expect_all(bench.status(), watchdog_ms=4321, drive_limit=1)
     if bench.line.kind == "usb":
         bench.usb.set_configuration()
-        check_settings(bench, 4321, 1)
+        expect_all(bench.status(), watchdog_ms=4321, drive_limit=1)
         bench.usb.set_interface(0)
-        check_settings(bench, 4321, 1)
+        expect_all(bench.status(), watchdog_ms=4321, drive_limit=1)
 
 
 @case("REQ-009", "REQ-010", "REQ-013", "SAF-006", allow=(Risk.RESET,))
@@ -887,14 +858,7 @@ def test_watchdog_and_limit_are_infos_after_a_restart(bench: Bench) -> None:
     bench.order(Request.WATCHDOG, 4321)
     bench.order(Request.LIMIT, 1)
     bench.restart(lambda: bench.order(Request.RESET))
-    check_settings(bench, bench.info.watchdog_ms, bench.info.drive_limit)
-
-
-def check_settings(bench: Bench, watchdog_ms: int, limit: int) -> None:
-    """Check what STATUS says of them."""
-    status = bench.status()
-    expect("watchdog_ms", status.watchdog_ms, watchdog_ms)
-    expect("drive_limit", status.drive_limit, limit)
+    expect_all(bench.status(), watchdog_ms=bench.info.watchdog_ms, drive_limit=bench.info.drive_limit)
 
 
 @case("REQ-010", "SAF-006", "REQ-001")
@@ -975,9 +939,12 @@ def test_faults_are_cleared_when_their_cause_is_gone(bench: Bench, fault: Fault)
         bench.outlast(0.03)
         expect("faults before CLEAR_FAULTS", bench.status().faults, fault)
         bench.order(Request.CLEAR_FAULTS)
-        status = bench.status()
-        expect(f"faults after {cause}", status.faults, Fault(0) if cleared else fault)
-        expect(f"the state after {cause}", status.state, State.OFF if cleared else State.FAULT)
+        expect_all(
+            bench.status(),
+            f" after {cause}",
+            faults=Fault(0) if cleared else fault,
+            state=State.OFF if cleared else State.FAULT,
+        )
         expect("whether ENABLE is accepted", bench.try_order(Request.ENABLE), cleared)
 
 

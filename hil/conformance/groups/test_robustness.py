@@ -10,7 +10,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Risk, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
 from phasewire.hil.conformance.tools.forge import FIELDS, forged
-from phasewire.hil.conformance.tools.steps import enable
+from phasewire.hil.conformance.tools.steps import enable, expect_all
 from phasewire.protocol.blocks import Block, Body, Clock, Entries, Entry, NoOp, Samples, Slot, Update, pack
 from phasewire.protocol.board import TICK_HZ
 from phasewire.protocol.codes import (
@@ -26,6 +26,7 @@ from phasewire.protocol.codes import (
     State,
 )
 from phasewire.protocol.framing import DELIMITER, SerialFrame, encode
+from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import ANSWER_BYTES, Ack, Status, records
 from phasewire.protocol.requests import Setup
 
@@ -59,9 +60,12 @@ def check_sound(bench: Bench, before: Status, accepted: int, refused: int) -> No
     after, end = bench.status(), bench.line.time.monotonic() + SOON
     while after.free != before.free and bench.line.time.monotonic() < end:  # stores may wait to go onto the chain
         after = bench.status()
-    expect("the room in the queue", after.free, before.free)
-    expect("the count of accepted blocks", after.accepted, (before.accepted + accepted) % 2**32)
-    expect("the count of refused blocks", after.refused, (before.refused + refused) % 2**32)
+    expect_all(
+        after,
+        free=before.free,
+        accepted=(before.accepted + accepted) % 2**32,
+        refused=(before.refused + refused) % 2**32,
+    )
     for name in COUNTED:
         expect(f"the status' {name}", getattr(after, name), getattr(before, name))
     if bench.line.kind == "usb":
@@ -70,10 +74,10 @@ def check_sound(bench: Bench, before: Status, accepted: int, refused: int) -> No
             expect(f"the status of endpoint {endpoint:02X}", bench.request(Setup(0x82, 0, 0, endpoint, 2)), bytes(2))
 
 
-def play(bench: Bench) -> Ack:
+def play(bench: Bench, pulses: Pulses | None = None) -> Ack:
     """An update that plays, with a watchdog time longer than any case."""
     enable(bench)
-    ack = bench.must(Update(bench.weak()))
+    ack = bench.must(Update(pulses or bench.weak()))
     bench.wait_until(ack.commit_period)
     return ack
 
@@ -105,9 +109,8 @@ def noise(bench: Bench) -> tuple[bytes, Reason]:
 
 def uniform(bench: Bench) -> tuple[bytes, Reason]:
     """One repeated byte, as from memory that was never written, or from a line that is stuck."""
-    return bytes(
-        [bench.random.choice([0x00, 0xFF, 0x55, 0xAA, bench.random.randrange(256)])] * BLOCK_BYTES
-    ), Reason.CHECKSUM
+    byte = bench.random.choice([0x00, 0xFF, 0x55, 0xAA, bench.random.randrange(256)])
+    return bytes([byte] * BLOCK_BYTES), Reason.CHECKSUM
 
 
 def flipped(bench: Bench) -> tuple[bytes, Reason]:
@@ -245,9 +248,7 @@ def test_nonsense_moves_no_output(bench: Bench) -> None:
 def test_what_plays_goes_on_through_nonsense(bench: Bench) -> None:
     """What plays goes on tick by tick through nonsense of every kind: one flipped bit must not be heard."""
     pulses = bench.weak()
-    enable(bench)
-    ack = bench.must(Update(pulses))
-    bench.wait_until(ack.commit_period)
+    ack = play(bench, pulses)
     for _ in range(at_most(bench, 3)):
         check_batch(bench, ["noise", "flipped-bits", "wrong-fields"], at_most(bench, 30))
     expect("what plays since", bench.status().since_period, ack.commit_period)
@@ -261,8 +262,7 @@ def test_what_plays_goes_on_through_nonsense(bench: Bench) -> None:
 def test_nonsense_is_no_sign_of_life(bench: Bench) -> None:
     """The watchdog fires while only nonsense comes, because the host that sends it is out of control."""
     watchdog = 150 if bench.line.kind == "usb" else 500
-    bench.order(Request.WATCHDOG, watchdog)
-    bench.enable()
+    enable(bench, watchdog)
     bench.must(Update(bench.weak()))
     due = bench.clock().now + 3 * watchdog * TICK_HZ // 1000
     while bench.clock().now < due:
@@ -292,7 +292,8 @@ def random_setups(bench: Bench) -> Iterator[tuple[Setup, bytes]]:
         setup = Setup(
             kind | recipient, request, value, index, rng.choice([1, 64, BLOCK_BYTES]) if kind & IN else len(data)
         )
-        if is_unknown(setup) and (bench.allowed >= LASTS or not might_last(setup)):
+        lasts = setup.request in LASTING.get(kind & 0x60, ())
+        if is_unknown(setup) and (bench.allowed >= LASTS or not lasts):
             yield setup, data
 
 
@@ -310,11 +311,6 @@ def is_unknown(setup: Setup) -> bool:
     return True
 
 
-def might_last(setup: Setup) -> bool:
-    """Whether a device that checks this request too little restarts, or changes its firmware."""
-    return setup.request in LASTING.get(setup.request_type & 0x60, ())
-
-
 @case("USB-004", "REQ-001", "USB-014", line="usb")
 def test_unknown_requests_stall_between_valid_blocks(bench: Bench) -> None:
     """Random requests that no device knows are answered with STALL, and blocks between them are accepted."""
@@ -324,8 +320,7 @@ def test_unknown_requests_stall_between_valid_blocks(bench: Bench) -> None:
         setup, data = next(setups)
         answer = bench.request(setup, data)
         assert answer is None, f"{setup} with {len(data)} bytes is answered with {answer!r}, should be with STALL"
-        ack = bench.must(NoOp())
-        expect("the flags", ack.flags, AckFlag(0))
+        expect("the flags", bench.must(NoOp()).flags, AckFlag(0))
     check_sound(bench, before, 160, 0)
 
 
@@ -386,9 +381,7 @@ def test_the_device_survives_nonsense_everywhere(bench: Bench) -> None:
         bench.usb.write(0x03, bench.random.randbytes(bench.random.randint(1, 600)), 0.01)
         bench.usb.read(0x83, 16 * BLOCK_BYTES, 0.01)
         check_batch(bench, KINDS, 20)
-    status = bench.status()
-    expect("the state", status.state, State.PLAYING)
-    expect("what plays since", status.since_period, first.commit_period)
+    expect_all(bench.status(), state=State.PLAYING, since_period=first.commit_period)
 
 
 # The console
@@ -414,8 +407,7 @@ def test_the_device_survives_noise_on_the_console(bench: Bench) -> None:
             line.write(chatter(bench, bench.random.randint(1, 200)))
             line.read(0.01)
         line.enter_frames()
-        answer = line.request(Setup(0xC1, Request.INFO, 0, 0, 64))
-        expect("INFO by the line", answer, bench.info.encode())
+        expect("INFO by the line", line.request(Setup(0xC1, Request.INFO, 0, 0, 64)), bench.info.encode())
         bench.must(NoOp())
     check_sound(bench, before, rounds, 0)
     expect("what plays since", bench.status().since_period, played.commit_period)
@@ -470,13 +462,9 @@ def damaged(bench: Bench) -> bytes:
     """A valid frame without its zero, with a defect that its checksum detects."""
     rng = bench.random
     setup = Setup(0x41, Request.ENABLE, 0, 0, 0)
-    frame = rng.choice(
-        [
-            SerialFrame(FrameKind.REQUEST, bytes([7]) + setup.encode()),
-            SerialFrame(FrameKind.BLOCK, pack(Block(NoOp(), rng.randrange(2**32), restart=True))),
-        ]
-    )
-    data = bytearray(encode(frame)[:-1])
+    block = pack(Block(NoOp(), rng.randrange(2**32), restart=True))
+    frames = [SerialFrame(FrameKind.REQUEST, bytes([7]) + setup.encode()), SerialFrame(FrameKind.BLOCK, block)]
+    data = bytearray(encode(rng.choice(frames))[:-1])
     at = rng.randrange(len(data))
     match rng.randrange(3):
         case 0:

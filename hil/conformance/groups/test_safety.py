@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,26 +11,25 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, TooSlow, case, expect, not_allowed
 from phasewire.hil.conformance.sight.capture import Seen
-from phasewire.hil.conformance.sight.waveforms import (
-    SILENCE,
-    Words,
-    check_play,
-    check_silent,
-    expected_words,
-    only,
-)
+from phasewire.hil.conformance.sight.waveforms import SILENCE, Words, check_play, check_silent, expected_words, only
 from phasewire.hil.conformance.tools.drives import power, widths_for
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.playing import PLAYS, check_falls_silent, play, silent_from
 from phasewire.hil.conformance.tools.playing import start as start_playing
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, features_of, forge, require, set_limit, some
-from phasewire.hil.conformance.tools.watchdog import (
-    TICKS_PER_MS,
-    await_firing,
-    check_not_yet,
-    far_ahead,
-    patience,
+from phasewire.hil.conformance.tools.steps import (
+    LONG_MS,
+    SILENT,
+    enable,
+    expect_all,
+    features_of,
+    forge,
+    known,
+    require,
+    set_limit,
+    some,
+    store_entry,
 )
+from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_not_yet, far_ahead, patience
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Body,
@@ -84,11 +84,9 @@ def test_the_watchdog_silences_what_plays(bench: Bench, what: str) -> None:
     bench.order(Request.WATCHDOG, ms)
     check_not_yet(bench, last + ms * TICKS_PER_MS)
     await_firing(bench, last, last, ms)
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("what plays since", status.since_period, 0)
-    expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect_all(
+        bench.status(), state=State.OFF, since_period=0, flags=StatusFlag.WATCHDOG_FIRED, free=bench.info.queue_blocks
+    )
     fires = last + ms * TICKS_PER_MS
     end = fires // TICKS_PER_PERIOD + 100
     if field is None:
@@ -117,8 +115,7 @@ def test_the_watchdog_starts_with_enable(bench: Bench) -> None:
     """
     ms = patience(bench)
     bench.must(NoOp())
-    bench.order(Request.WATCHDOG, ms)
-    bench.enable()
+    enable(bench, ms)
     bench.wait(ms / 3000)
     bench.order(Request.DISABLE)
     bench.outlast(2 * ms / 1000)
@@ -139,16 +136,14 @@ def test_the_watchdog_rests_while_the_outputs_are_off(bench: Bench) -> None:
     bench.enable()
     bench.disable()
     check_not_yet(bench, before + ms * TICKS_PER_MS)
-    came = bench.listen(2 * ms / 1000)
-    expect("the unsolicited records", came, [])
+    expect("the unsolicited records", bench.listen(2 * ms / 1000), [])
     expect("the flags", bench.status().flags, StatusFlag(0))
 
 
 @case("REQ-003", "SAF-003", "REQ-005")
 def test_the_status_says_that_the_watchdog_fired_until_enable(bench: Bench) -> None:
     """WATCHDOG_FIRED stays in the status until the outputs are enabled again, so that the host sees it."""
-    bench.order(Request.WATCHDOG, patience(bench))
-    bench.enable()
+    enable(bench, patience(bench))
     bench.await_unasked(2)
     for _ in range(2):
         assert bench.status().watchdog_fired, "WATCHDOG_FIRED is gone before ENABLE"
@@ -190,39 +185,25 @@ def test_a_longer_watchdog_time_counts_from_the_last_sign_of_life(bench: Bench) 
     expect("the watchdog time in the status", await_firing(bench, last, last, long).watchdog_ms, long)
 
 
-def body_of(kind: str) -> Body:
-    """A block of a kind that is accepted while something plays."""
-    match kind:
-        case "update":
-            return Update(SILENT)
-        case "slot":
-            return Slot(0, SILENT)
-        case "entries":
-            return Entries((Entry(0, 1),))
-        case "sequence":
-            return PlaySequence(0, 1)
-        case "samples":
-            return Samples(bytes([255]))
-        case "modulation":
-            return AmplitudeModulation(0, 1, 1)
-        case "output":
-            return Output(Action.SILENCE)
-        case "clock":
-            return Clock()
-    return NoOp()
-
-
-KINDS = ("update", "slot", "entries", "sequence", "samples", "modulation", "output", "clock", "no-op")
+KINDS: dict[str, Body] = {
+    "update": Update(SILENT),
+    "slot": Slot(0, SILENT),
+    "entries": Entries((Entry(0, 1),)),
+    "sequence": PlaySequence(0, 1),
+    "samples": Samples(bytes([255])),
+    "modulation": AmplitudeModulation(0, 1, 1),
+    "output": Output(Action.SILENCE),
+    "clock": Clock(),
+    "no-op": NoOp(),
+}
+"""A block of each kind, which is accepted while something plays."""
 
 
 def prepare(bench: Bench, kind: str) -> None:
     """Store the data to which a block of a kind refers."""
-    require(bench, features_of(body_of(kind)))
-    if kind == "sequence":
-        bench.must(Slot(0, SILENT))
-        bench.must(Entries((Entry(0, 1),)))
-    if kind == "modulation":
-        bench.must(Samples(bytes([255])))
+    require(bench, features_of(KINDS[kind]))
+    for store in {"sequence": ("slot", "entries"), "modulation": ("samples",)}.get(kind, ()):
+        bench.must(KINDS[store])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -235,7 +216,7 @@ def test_an_accepted_block_is_a_sign_of_life(bench: Bench, kind: str) -> None:
     first = bench.must(NoOp()).now
     bench.order(Request.WATCHDOG, ms)
     bench.wait(ms / 3000)
-    ack = bench.send(body_of(kind))
+    ack = bench.send(KINDS[kind])
     if ack.now >= first + ms * TICKS_PER_MS:
         raise TooSlow("this line is too slow: the watchdog fired before the block arrived")
     expect("the reason", ack.reason, Reason.ACCEPTED)
@@ -264,14 +245,9 @@ def test_a_request_that_is_a_sign_of_life(bench: Bench, request_: Request) -> No
 
 @dataclass(frozen=True)
 class Refused:
-    """Blocks that are refused, and how to bring a device to refuse them.
+    """Blocks that are refused, given the acknowledgement of the last accepted one.
 
-    Parameters
-    ----------
-    blocks : callable
-        The blocks, given the acknowledgement of the last accepted one.
-    before : callable, optional
-        May prepare something while the outputs are off; returns what must be accepted after they are enabled.
+    `before` may prepare something while the outputs are off; it returns what must be accepted once they are enabled.
     """
 
     blocks: Callable[[Bench, Ack], list[bytes]]
@@ -294,7 +270,7 @@ def with_flags(bench: Bench, bodies: Iterable[Body], payload: bytes | None = Non
 
 def wrong(kinds: Iterable[str], payload: bytes | None = None, **fields: int) -> Refused:
     """Blocks of some kinds with one defect."""
-    return Refused(lambda bench, _: with_flags(bench, map(body_of, kinds), payload, **fields))
+    return Refused(lambda bench, _: with_flags(bench, [KINDS[kind] for kind in kinds], payload, **fields))
 
 
 def shortened(bench: Bench, _: Ack) -> list[bytes]:
@@ -304,7 +280,7 @@ def shortened(bench: Bench, _: Ack) -> list[bytes]:
 
 def lacking(bench: Bench, _: Ack) -> list[bytes]:
     """Blocks that need a feature which the device lacks."""
-    bodies = [body_of(kind) for kind in KINDS] + [PlaySequence(0, 1, unattended=True), Output(Action.END_MODULATION)]
+    bodies = [*KINDS.values(), PlaySequence(0, 1, unattended=True), Output(Action.END_MODULATION)]
     lacked = [body for body in bodies if features_of(body) & ~bench.info.features]
     if not lacked:
         raise NotApplicable("it has the feature of every block")
@@ -313,16 +289,14 @@ def lacking(bench: Bench, _: Ack) -> list[bytes]:
 
 def numbered_as(bench: Bench, last: Ack) -> list[bytes]:
     """Blocks of all kinds that the device has, with a number that was already accepted."""
-    every = [*map(body_of, KINDS), PlaySequence(0, 1, unattended=True)]
-    bodies = [body for body in every if not features_of(body) & ~bench.info.features]
+    bodies = known(bench, *KINDS.values(), PlaySequence(0, 1, unattended=True))
     return [pack(bench.numbered(body, number=last.sequence)) for body in bodies]
 
 
 def what_plays(bench: Bench) -> list[Body]:
     """The start of a stored sequence and of a stored modulation."""
     require(bench, Feature.SEQUENCES)
-    bench.must(Slot(0, SILENT))
-    bench.must(Entries((Entry(0, 1000),)))
+    store_entry(bench, 1000, pulses=SILENT)
     if Feature.MODULATION not in bench.info.features:
         return [PlaySequence(0, 1)]
     bench.must(Samples(bytes([255])))
@@ -331,8 +305,7 @@ def what_plays(bench: Bench) -> list[Body]:
 
 def in_use(bench: Bench, _: Ack) -> list[bytes]:
     """Stores over what plays."""
-    modulated = Feature.MODULATION in bench.info.features
-    return with_flags(bench, map(body_of, ("slot", "entries", "samples") if modulated else ("slot", "entries")))
+    return with_flags(bench, known(bench, *(KINDS[kind] for kind in ("slot", "entries", "samples"))))
 
 
 def named_update(bench: Bench) -> list[Body]:
@@ -344,17 +317,15 @@ def named_update(bench: Bench) -> list[Body]:
 
 def without_drive(bench: Bench) -> list[Body]:
     """None, under a limit that allows only one pulse in a slot that was stored before."""
-    if Feature.SEQUENCES in bench.info.features:
-        bench.must(Slot(0, WEAKEST))
-        bench.must(Entries((Entry(0, 1),)))
+    for body in known(bench, Slot(0, WEAKEST), KINDS["entries"]):
+        bench.must(body)
     bench.order(Request.LIMIT, 0)
     return [NoOp()]
 
 
 def too_strong(bench: Bench, _: Ack) -> list[bytes]:
     """Blocks that would drive one transducer."""
-    stored: list[Body] = [Slot(1, WEAKEST), PlaySequence(0, 1)] if Feature.SEQUENCES in bench.info.features else []
-    return with_flags(bench, [Update(WEAKEST), *stored])
+    return with_flags(bench, known(bench, Update(WEAKEST), Slot(1, WEAKEST), PlaySequence(0, 1)))
 
 
 def without_stores(bench: Bench) -> list[Body]:
@@ -368,8 +339,7 @@ def without_stores(bench: Bench) -> list[Body]:
 
 def never_stored(bench: Bench, _: Ack) -> list[bytes]:
     """Blocks that would play empty stores."""
-    modulation: list[Body] = [AmplitudeModulation(0, 1, 1)] if Feature.MODULATION in bench.info.features else []
-    return with_flags(bench, [PlaySequence(0, 1), *modulation])
+    return with_flags(bench, known(bench, PlaySequence(0, 1), AmplitudeModulation(0, 1, 1)))
 
 
 WEAKEST = only(CHANNELS - 1, width=1)
@@ -389,9 +359,7 @@ REFUSED: dict[Reason, Refused] = {
     Reason.UNSUPPORTED: Refused(lacking),
     Reason.SEQUENCE: Refused(numbered_as),
     Reason.HORIZON: Refused(
-        lambda bench, _: with_flags(
-            bench, (body for body in map(body_of, NAMING) if features_of(body) in bench.info.features), period=2**62
-        )
+        lambda bench, _: with_flags(bench, known(bench, *(KINDS[kind] for kind in NAMING)), period=2**62)
     ),
     Reason.RATE: Refused(lambda bench, last: with_flags(bench, [Update(SILENT, last.commit_period + 1)]), named_update),
     Reason.DRIVE: Refused(too_strong, without_drive),
@@ -422,35 +390,35 @@ def test_a_refused_block_is_no_sign_of_life(bench: Bench, reason: Reason) -> Non
 
 
 NO_SIGNS = (
-    Request.INFO,
-    Request.WIRING,
-    Request.CLOCK,
-    Request.PULSES,
-    Request.PROCESSORS,
-    Request.WATCHDOG,
-    Request.LIMIT,
-    Request.CLEAR_FAULTS,
-    Request.IDENTIFY,
+    *(Request.INFO, Request.WIRING, Request.CLOCK, Request.PULSES, Request.PROCESSORS),
+    *(Request.WATCHDOG, Request.LIMIT, Request.CLEAR_FAULTS, Request.IDENTIFY),
 )
+
+
+@contextmanager
+def no_sign_of_life(bench: Bench) -> Iterator[int]:
+    """What is done here must not keep the watchdog from firing, whose time in ms has begun before."""
+    ms = patience(bench)
+    enable(bench)
+    last = bench.must(NoOp()).now
+    bench.order(Request.WATCHDOG, ms)
+    bench.wait(ms / 3000)
+    yield ms
+    check_not_yet(bench, last + ms * TICKS_PER_MS)
+    await_firing(bench, last, last, ms)
 
 
 @pytest.mark.parametrize("other", NO_SIGNS, ids=lambda request: request.name.lower().replace("_", "-"))
 @case("SAF-003")
 def test_another_request_is_no_sign_of_life(bench: Bench, other: Request) -> None:
     """Requests other than STATUS and ENABLE do not restart the watchdog: an observer may send them."""
-    ms = patience(bench)
     if other is Request.PULSES:
         require(bench, Feature.READ_BACK)
-    enable(bench)
-    last = bench.must(NoOp()).now
-    bench.order(Request.WATCHDOG, ms)
-    bench.wait(ms / 3000)
-    if other in ANSWER_BYTES:
-        bench.ask(other)
-    else:
-        bench.try_order(other, ms if other is Request.WATCHDOG else 0)
-    check_not_yet(bench, last + ms * TICKS_PER_MS)
-    await_firing(bench, last, last, ms)
+    with no_sign_of_life(bench) as ms:
+        if other in ANSWER_BYTES:
+            bench.ask(other)
+        else:
+            bench.try_order(other, ms if other is Request.WATCHDOG else 0)
 
 
 STALLED: dict[str, tuple[Setup, ...]] = {
@@ -473,16 +441,10 @@ STALLED: dict[str, tuple[Setup, ...]] = {
 @case("SAF-003", "REQ-001")
 def test_a_request_that_is_answered_with_stall_is_no_sign_of_life(bench: Bench, what: str) -> None:
     """Requests that are answered with STALL, even STATUS and ENABLE, have no effect and do not restart the watchdog."""
-    ms = patience(bench)
-    enable(bench)
-    last = bench.must(NoOp()).now
-    bench.order(Request.WATCHDOG, ms)
-    bench.wait(ms / 3000)
-    for setup in STALLED[what]:
-        answer = bench.request(setup, b"" if setup.is_in else bytes(setup.length))
-        expect(f"the answer to request {setup}", answer, None)
-    check_not_yet(bench, last + ms * TICKS_PER_MS)
-    await_firing(bench, last, last, ms)
+    with no_sign_of_life(bench):
+        for setup in STALLED[what]:
+            answer = bench.request(setup, b"" if setup.is_in else bytes(setup.length))
+            expect(f"the answer to request {setup}", answer, None)
 
 
 def use_endpoints(bench: Bench) -> None:
@@ -519,14 +481,8 @@ ON_THE_BUS: dict[str, Callable[[Bench], None]] = {
 @case("SAF-003", "USB-014", "USB-015", "USB-018", "USB-023", "USB-024", line="usb")
 def test_nothing_else_on_the_bus_is_a_sign_of_life(bench: Bench, what: str) -> None:
     """Standard and class requests, the end of a halt, an empty packet and reading do not restart the watchdog."""
-    ms = patience(bench)
-    enable(bench)
-    last = bench.must(NoOp()).now
-    bench.order(Request.WATCHDOG, ms)
-    bench.wait(ms / 3000)
-    ON_THE_BUS[what](bench)
-    check_not_yet(bench, last + ms * TICKS_PER_MS)
-    await_firing(bench, last, last, ms)
+    with no_sign_of_life(bench):
+        ON_THE_BUS[what](bench)
 
 
 # Unattended playing
@@ -535,28 +491,15 @@ def test_nothing_else_on_the_bus_is_a_sign_of_life(bench: Bench, what: str) -> N
 UNATTENDED = Feature.SEQUENCES | Feature.UNATTENDED
 
 
-def store_sequence(bench: Bench, periods: int, place: int = 0) -> Pulses:
-    """Store one entry of some periods, and its slot."""
-    pulses = bench.weak()
-    bench.must(Slot(place, pulses))
-    bench.must(Entries((Entry(place, periods),), place))
-    return pulses
-
-
 @case("SAF-005", "STA-003", outputs=("SAF-005", "BLK-015"), features=UNATTENDED)
 def test_an_unattended_sequence_goes_on_without_its_host(bench: Bench) -> None:
     """An unattended sequence plays on when the host falls silent for many watchdog times."""
     enable(bench)
     field = start_playing(bench, "unattended")
     bench.order(Request.WATCHDOG, 10)
-    came = bench.listen(0.2)
-    expect("the unsolicited records", came, [])
-    status = bench.status()
-    expect("the state", status.state, State.UNATTENDED)
-    expect("the flags", status.flags, StatusFlag.SEQUENCE)
-    expect("what plays since", status.since_period, field.period)
-    end = bench.period()
-    bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
+    expect("the unsolicited records", bench.listen(0.2), [])
+    expect_all(bench.status(), state=State.UNATTENDED, flags=StatusFlag.SEQUENCE, since_period=field.period)
+    bench.judge(field.period, bench.period(), lambda seen: check_play(seen, [(field.period, field.words)]))
 
 
 ENDS: dict[str, tuple[Callable[[int], Body] | None, State]] = {
@@ -575,7 +518,7 @@ def test_the_watchdog_starts_anew_when_an_unattended_sequence_ends(bench: Bench,
     ms = patience(bench)
     body, state = ENDS[how]
     enable(bench)
-    store_sequence(bench, 8000)
+    store_entry(bench, 8000)
     ended = bench.must(PlaySequence(0, 1, repeats=1 if body is None else 0, unattended=True)).commit_period + 8000
     if body is not None:
         expect("the period at which the end is due", bench.must(body(ended)).commit_period, ended)
@@ -601,11 +544,10 @@ def test_the_end_of_an_attended_sequence_is_no_sign_of_life(bench: Bench) -> Non
     """After the last repeat of an attended sequence the watchdog counts on from the host's last sign of life."""
     ms = patience(bench)
     enable(bench)
-    store_sequence(bench, 200)
+    store_entry(bench, 200)
     last = bench.must(PlaySequence(0, 1, repeats=2))
     bench.order(Request.WATCHDOG, ms)
-    told = bench.await_unasked(1)
-    expect("the state in the record of the end", told.state, State.READY)
+    expect("the state in the record of the end", bench.await_unasked(1).state, State.READY)
     await_firing(bench, last.now, last.now, ms)
 
 
@@ -621,11 +563,7 @@ def test_disable_silences_what_plays(bench: Bench, what: str) -> None:
     before = bench.clock().now
     bench.order(Request.DISABLE)
     after = bench.clock().now
-    status = bench.status()
-    expect("the state", status.state, State.OFF)
-    expect("what plays since", status.since_period, 0)
-    expect("the flags", status.flags, StatusFlag(0))
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect_all(bench.status(), state=State.OFF, since_period=0, flags=StatusFlag(0), free=bench.info.queue_blocks)
     end = after // TICKS_PER_PERIOD + 100
     bench.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, before, after))
 
@@ -697,18 +635,14 @@ def test_what_is_queued_is_dropped_by_disable(bench: Bench) -> None:
     bench.order(Request.DISABLE)
     check_not_yet(bench, first * TICKS_PER_PERIOD)
     since = bench.period() + SILENT_PERIODS
-    status = bench.status()
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect("the free places", bench.status().free, bench.info.queue_blocks)
     bench.enable()
     bench.wait_periods(ahead + 500)
     after = bench.status()
-    expect("the state", after.state, State.READY)
-    expect("what plays since", after.since_period, 0)
-    expect("the flags", after.flags, StatusFlag(0))
+    expect_all(after, state=State.READY, since_period=0, flags=StatusFlag(0))
+    expect_all(after, missed_commits=before.missed_commits, damaged_messages=before.damaged_messages)
     expect("the blocks accepted, refused, late and lost", counts(after), counts(before))
-    expect("the missed commits and damaged messages", damage(after), damage(before))
-    end = bench.period()
-    bench.judge(since, end, check_silent)
+    bench.judge(since, bench.period(), check_silent)
 
 
 @case("BLK-018", "SAF-004", "STA-003", "REQ-003", outputs=("BLK-018", "SAF-004"))
@@ -724,14 +658,11 @@ def test_what_is_accepted_behind_a_disabling_block_is_dropped(bench: Bench) -> N
     expect("the free places", before.free, bench.info.queue_blocks - behind - 1)
     bench.wait_until(ends + 1)
     after = bench.status()
-    expect("the state", after.state, State.OFF)
-    expect("the free places", after.free, bench.info.queue_blocks)
+    expect_all(after, state=State.OFF, free=bench.info.queue_blocks)
     expect("the blocks accepted, refused, late and lost", counts(after), counts(before))
     bench.enable()
     bench.wait_until(ends + 400)
-    status = bench.status()
-    expect("the state", status.state, State.READY)
-    expect("what plays since", status.since_period, 0)
+    expect_all(bench.status(), state=State.READY, since_period=0)
     steps = [(field.period, field.words), (ends, SILENCE)]
     bench.judge(field.period, ends + 400, lambda seen: check_play(seen, steps))
 
@@ -741,7 +672,7 @@ def queue_of_everything(bench: Bench, period: int) -> int:
     features = bench.info.features
     bodies: list[Callable[[int], Body]] = [lambda at: Update(bench.weak(), at)]
     if Feature.SEQUENCES in features:
-        store_sequence(bench, 3)
+        store_entry(bench, 3)
         bodies.append(lambda at: PlaySequence(0, 1, at))
     if Feature.MODULATION in features:
         bench.must(Samples(bytes([200])))
@@ -756,24 +687,19 @@ def counts(status: Status) -> tuple[int, int, int, int]:
     return status.accepted, status.refused, status.late, status.lost
 
 
-def damage(status: Status) -> tuple[int, int]:
-    """The device's counts of the chain."""
-    return status.missed_commits, status.damaged_messages
-
-
-OFF: dict[str, Callable[[Bench], None]] = {
-    "disable": lambda bench: bench.order(Request.DISABLE),
-    "output": lambda bench: bench.wait_until(bench.must(Output(Action.DISABLE)).commit_period),
-    "watchdog": lambda bench: silence_by_watchdog(bench),
-}
-"""Ways to disable the outputs."""
-
-
 def silence_by_watchdog(bench: Bench) -> None:
     """Let the watchdog fire."""
     bench.order(Request.WATCHDOG, 10)
     bench.await_unasked(1)
     bench.order(Request.WATCHDOG, LONG_MS)
+
+
+OFF: dict[str, Callable[[Bench], None]] = {
+    "disable": lambda bench: bench.order(Request.DISABLE),
+    "output": lambda bench: bench.wait_until(bench.must(Output(Action.DISABLE)).commit_period),
+    "watchdog": silence_by_watchdog,
+}
+"""Ways to disable the outputs."""
 
 
 @pytest.mark.parametrize("how", OFF)
@@ -795,26 +721,6 @@ def test_what_is_stored_stays_when_the_outputs_are_disabled(bench: Bench, how: s
     bench.judge(began, began + 120, lambda seen: check_play(seen, steps))
 
 
-def changes(bench: Bench) -> list[Body]:
-    """One of each change that the device knows, all acceptable if the outputs were enabled."""
-    bodies: list[Body] = [Update(SILENT), Output(Action.SILENCE), Output(Action.DISABLE)]
-    if Feature.SEQUENCES in bench.info.features:
-        bodies += [PlaySequence(0, 1), PlaySequence(0, 1, repeats=3, period=bench.period() + 10_000)]
-    if Feature.MODULATION in bench.info.features:
-        bodies += [AmplitudeModulation(0, 1, 1), Output(Action.END_MODULATION)]
-    return bodies
-
-
-def store_for_changes(bench: Bench) -> list[Body]:
-    """Stores for the changes, and other blocks that do not need enabled outputs."""
-    bodies: list[Body] = [Clock(), NoOp()]
-    if Feature.SEQUENCES in bench.info.features:
-        bodies += [Slot(0, SILENT), Entries((Entry(0, 1),))]
-    if Feature.MODULATION in bench.info.features:
-        bodies.append(Samples(bytes([255])))
-    return bodies
-
-
 @pytest.mark.parametrize("how", ["begin", *OFF])
 @case("SAF-002", "BLK-008", "ACK-003", "STA-003")
 def test_changes_are_refused_while_the_outputs_are_off(bench: Bench, how: str) -> None:
@@ -823,21 +729,24 @@ def test_changes_are_refused_while_the_outputs_are_off(bench: Bench, how: str) -
         enable(bench)
         OFF[how](bench)
     bench.unasked.clear()
-    for body in store_for_changes(bench):
+    for body in known(bench, *(KINDS[kind] for kind in ("clock", "no-op", "slot", "entries", "samples"))):
         ack = bench.must(body)
         expect("the state in the acknowledgement", ack.state, State.OFF)
     before = bench.status()
-    refused = changes(bench)
+    distant = PlaySequence(0, 1, repeats=3, period=bench.period() + 10_000)
+    refused = known(bench, *(KINDS[kind] for kind in NAMING), distant, *map(Output, Action))
     for body in refused:
         ack = bench.send(body)
         expect(f"the reason for {body.KIND.name}", ack.reason, Reason.DISABLED)
         expect("the state in the acknowledgement", ack.state, State.OFF)
         expect("the period at which it takes effect", ack.commit_period, 0)
-    after = bench.status()
-    expect("the count of refused blocks", after.refused, before.refused + len(refused))
-    expect("the last refusal", after.last_refusal, Reason.DISABLED)
-    expect("the count of accepted blocks", after.accepted, before.accepted)
-    expect("the free places", after.free, bench.info.queue_blocks)
+    expect_all(
+        bench.status(),
+        refused=before.refused + len(refused),
+        last_refusal=Reason.DISABLED,
+        accepted=before.accepted,
+        free=bench.info.queue_blocks,
+    )
     bench.enable()
     bench.wait_periods(100)
     expect("the state, as nothing of it was queued", bench.status().state, State.READY)
@@ -880,14 +789,9 @@ def test_an_update_above_the_limit_is_refused(bench: Bench, limit: int) -> None:
     more = most.copy()
     more[int(np.flatnonzero(more == 0)[0])] = 1
     before = bench.status()
-    ack = bench.send(Update(Pulses(np.zeros(CHANNELS, np.uint8), more)))
-    expect("the reason", ack.reason, Reason.DRIVE)
-    after = bench.status()
-    expect("the count of refused blocks", after.refused, before.refused + 1)
-    expect("the last refusal", after.last_refusal, Reason.DRIVE)
-    expect("what plays since", after.since_period, field.period)
-    end = bench.period()
-    bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
+    expect("the reason", bench.send(Update(Pulses(np.zeros(CHANNELS, np.uint8), more))).reason, Reason.DRIVE)
+    expect_all(bench.status(), refused=before.refused + 1, last_refusal=Reason.DRIVE, since_period=field.period)
+    bench.judge(field.period, bench.period(), lambda seen: check_play(seen, [(field.period, field.words)]))
 
 
 @case("SAF-006", "REQ-010", "BLK-008", features=Feature.SEQUENCES)
@@ -903,8 +807,7 @@ def test_a_sequence_with_a_slot_above_a_lowered_limit_is_refused(bench: Bench) -
     set_limit(bench, 2)
     bench.enable()
     for count, reason in ((3, Reason.DRIVE), (2, Reason.ACCEPTED), (3, Reason.DRIVE)):
-        ack = bench.send(PlaySequence(0, count))
-        expect(f"the reason for {count} entries", ack.reason, reason)
+        expect(f"the reason for {count} entries", bench.send(PlaySequence(0, count)).reason, reason)
     expect("the last refusal", bench.status().last_refusal, Reason.DRIVE)
     expect("the reason for the entry alone", bench.send(PlaySequence(2, 1)).reason, Reason.DRIVE)
     bench.disable()

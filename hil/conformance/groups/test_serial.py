@@ -26,7 +26,7 @@ from phasewire.hil.conformance.tools.exchange import (
 )
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
-from phasewire.hil.conformance.tools.steps import LONG_MS, enable
+from phasewire.hil.conformance.tools.steps import LONG_MS, enable, expect_all
 from phasewire.hil.conformance.tools.watchdog import await_firing, check_not_yet
 from phasewire.hil.conformance.transports.serial import QUIET_SECONDS, RawSerialLine
 from phasewire.hil.conformance.transports.usb import CONSOLE_OUT
@@ -122,8 +122,7 @@ def test_the_examples_are_understood_and_answered(frames: RawSerialLine) -> None
     """The frames that the specification prints byte by byte are understood: all others are built like them."""
     content = exchange(frames, bytes.fromhex("05 03 2A C1 02 01 01 01 02 40 05 CD C2 88 CE 00"))
     expect("kind, tag and outcome of the reply", content[:3], bytes([REPLY, 0x2A, DONE]))
-    status = Status.decode(content[3:])
-    expect("the state in STATUS", status.state, State.OFF)
+    expect("the state in STATUS", Status.decode(content[3:]).state, State.OFF)
     frames.write(request_frame(0x2A, Setup(VENDOR_IN, 99, 0, 0, 64)))
     expect("the reply to an unknown request", raw_frames(frames), [bytes.fromhex("08 04 2A 01 70 8D 24 E0")])
 
@@ -163,11 +162,8 @@ def test_full_groups_are_understood(bench: Bench, frames: RawSerialLine, tail: i
     """A frame with a long run of bytes without a zero at its end is understood: pulses often contain none."""
     block = refused_block(bench, tail)
     before = bench.status()
-    ack = send(frames, block)
-    expect("the reason, as these bytes are no block", ack.reason, Reason.CHECKSUM)
-    after = bench.status()
-    expect("the count of damaged frames", after.dropped_frames, before.dropped_frames)
-    expect("the count of refused blocks", after.refused, before.refused + 1)
+    expect("the reason, as these bytes are no block", send(frames, block).reason, Reason.CHECKSUM)
+    expect_all(bench.status(), dropped_frames=before.dropped_frames, refused=before.refused + 1)
 
 
 @case("SER-003", "SER-006")
@@ -344,9 +340,7 @@ def test_damaged_frames_are_no_sign_of_life(bench: Bench, frames: RawSerialLine)
     for _ in range(4):
         bench.outlast(0.1)
         frames.write(b"\0" + DAMAGED["request-out-with-too-much"])
-    status = Status.decode(ask(frames, Request.STATUS))
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
+    expect_all(Status.decode(ask(frames, Request.STATUS)), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED)
 
 
 @case("SER-006", "BLK-003", "ACK-003")
@@ -361,9 +355,9 @@ def test_a_block_that_is_wrong_is_answered(bench: Bench, frames: RawSerialLine) 
         (Reason.KIND, forged(good, kind=77)),
         (Reason.FIELD, forged(good, period=1)),
     ):
-        ack = send(frames, block)
-        expect("the reason", ack.reason, reason)
-        expect("the number in the acknowledgement", ack.sequence, int.from_bytes(good[4:8], "little"))
+        expect_all(
+            send(frames, block), " in the acknowledgement", reason=reason, sequence=int.from_bytes(good[4:8], "little")
+        )
     same_but(before, bench.status(), refused=5, last_refusal=Reason.FIELD - before.last_refusal)
 
 
@@ -604,9 +598,7 @@ def test_nothing_comes_unasked_of_a_console(bench: Bench, console: RawSerialLine
     expect("what comes when the watchdog fires", console.rest(), b"")
     console.enter_frames()
     expect("what comes in frames later", console.rest(), b"")
-    status = Status.decode(ask(console, Request.STATUS))
-    expect("the state", status.state, State.OFF)
-    expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
+    expect_all(Status.decode(ask(console, Request.STATUS)), state=State.OFF, flags=StatusFlag.WATCHDOG_FIRED)
 
 
 @case("ACK-006", "SER-010", "SER-004")
@@ -643,25 +635,21 @@ def test_frames_need_no_dtr_and_text_does(bench: Bench, frames: RawSerialLine) -
 @case("SER-010", "USB-026", line="usb")
 def test_set_configuration_leads_to_the_console(bench: Bench, frames: RawSerialLine) -> None:
     """SET_CONFIGURATION resets the line to a console: DTR low, echo on, a partial frame counted."""
-    before = bench.status()
-    frames.write(request_frame(1, ENABLE)[:9])
-    bench.usb.set_configuration()
-    frames.assume_console()
-    check_at_first(bench, frames, before)
+    check_at_first(bench, frames, bench.usb.set_configuration)
 
 
 @case("SER-010", "USB-026", allow=(Risk.RESET,), line="usb")
 def test_a_bus_reset_leads_to_the_console(bench: Bench, frames: RawSerialLine) -> None:
     """A bus reset resets the line to a console: DTR low, echo on, a partial frame counted."""
+    check_at_first(bench, frames, bench.usb.reset)
+
+
+def check_at_first(bench: Bench, line: RawSerialLine, reset: Callable[[], None]) -> None:
+    """Fail unless something that comes within a frame gives the line on USB its initial state (clause USB-026)."""
     before = bench.status()
-    frames.write(request_frame(1, ENABLE)[:9])
-    bench.usb.reset()
-    frames.assume_console()
-    check_at_first(bench, frames, before)
-
-
-def check_at_first(bench: Bench, line: RawSerialLine, before: Status) -> None:
-    """Fail unless the line on USB has its initial state (clause USB-026)."""
+    line.write(request_frame(1, ENABLE)[:9])
+    reset()
+    line.assume_console()
     same_but(before, bench.status(), dropped_frames=1)
     line.write(b"\r")
     expect("what comes while DTR is low", line.rest(), b"")
@@ -669,8 +657,7 @@ def check_at_first(bench: Bench, line: RawSerialLine, before: Status) -> None:
     bench.wait(QUIET_SECONDS)
     line.rest()
     line.write(b"\rfoo")
-    came = line.answer()
-    expect("the answer to a line and a word on a console with echo", came, b"\r\n> foo")
+    expect("the answer to a line and a word on a console with echo", line.answer(), b"\r\n> foo")
 
 
 @case("SER-010", "REQ-013", allow=(Risk.RESET,))
@@ -735,8 +722,7 @@ def test_a_block_that_waits_is_judged_when_a_change_leaves_the_queue(bench: Benc
     first, last = queued[0].commit_period, queued[-1].commit_period
     if ack.now >= TICKS_PER_PERIOD * first:
         raise TooSlow("the queue could not be filled in time: a change had left it before the last block came")
-    expect("the reason", ack.reason, Reason.ACCEPTED)
-    expect("the free places, as the block took the first that became free", ack.free, 0)
+    expect_all(ack, ", after it took the first place that became free", reason=Reason.ACCEPTED, free=0)
     assert ack.commit_period > last, f"it plays from period {ack.commit_period} on, should play after period {last}"
     expect("the reason of a block after it", send(frames, behind, 10 + bench.slowness).reason, Reason.ACCEPTED)
 
@@ -756,9 +742,7 @@ def test_a_second_block_that_would_wait_is_dropped(bench: Bench, frames: RawSeri
     ack = send(frames, third)
     expect("the reason of a later block", ack.reason, Reason.ACCEPTED)
     expect("its flags, as the dropped block is missing", ack.flags, AckFlag.GAP)
-    after = bench.status()
-    expect("the count of accepted blocks", after.accepted, before.accepted + 2)
-    expect("the count of lost blocks", after.lost, before.lost + 1)
+    expect_all(bench.status(), accepted=before.accepted + 2, lost=before.lost + 1)
 
 
 @case("SER-011", "ACK-006/1", "SAF-003", since=2)
@@ -844,9 +828,7 @@ def test_a_block_that_was_lost_is_missed(bench: Bench, frames: RawSerialLine) ->
     before = bench.status()
     lost, block = no_op(bench), no_op(bench)
     damage(bench, frames, frame(BLOCK, lost)[:300] + b"\0")
-    ack = send(frames, block)
-    expect("the reason of the next block", ack.reason, Reason.ACCEPTED)
-    expect("its flags", ack.flags, AckFlag.GAP)
+    expect_all(send(frames, block), " of the next block", reason=Reason.ACCEPTED, flags=AckFlag.GAP)
     same_but(before, bench.status(), accepted=1, lost=1, dropped_frames=1)
 
 
@@ -991,8 +973,7 @@ def expect_told(line: RawSerialLine, state: State, act: Callable[[], object]) ->
 @case("SER-016", "ACK-006", line="usb")
 def test_the_watchdog_is_told_at_all_doors(bench: Bench, frames: RawSerialLine) -> None:
     """When the watchdog fires a status record comes by USB and by the line that carries frames."""
-    bench.order(Request.WATCHDOG, 50)
-    bench.enable()
+    enable(bench, 50)
     frames.listen(frames.patience(), lambda: any(status.watchdog_fired for status in statuses(frames)))
     told = [status.watchdog_fired for status in statuses(frames)]
     assert told[-1:] == [True], "no status record by the serial line says that the watchdog has fired"
@@ -1002,8 +983,7 @@ def test_the_watchdog_is_told_at_all_doors(bench: Bench, frames: RawSerialLine) 
 @case("SER-016", "SAF-003", line="usb")
 def test_doors_share_one_watchdog(bench: Bench, frames: RawSerialLine) -> None:
     """STATUS over the serial line keeps on what was enabled by USB, because there is one watchdog."""
-    bench.order(Request.WATCHDOG, ms := SHARED_WATCHDOG_MS * bench.slowness)
-    bench.enable()
+    enable(bench, ms := SHARED_WATCHDOG_MS * bench.slowness)
     asked = [bench.clock().now]
     for _ in range(10):
         bench.wait(ms / 4000)
@@ -1011,8 +991,7 @@ def test_doors_share_one_watchdog(bench: Bench, frames: RawSerialLine) -> None:
     status = bench.status()
     if max(later - former for former, later in pairwise([*asked, status.now])) >= ms * TICK_HZ // 1000:
         raise TooSlow("this line is too slow: the watchdog may have fired between two requests")
-    expect("the state", status.state, State.READY)
-    expect("the flags", status.flags, StatusFlag(0))
+    expect_all(status, state=State.READY, flags=StatusFlag(0))
 
 
 @case("USB-003", "SER-016", "USB-026", line="usb")
@@ -1072,13 +1051,7 @@ def exchanges(bench: Bench) -> list[int]:
 
 # CDC-ACM
 
-CODINGS = (
-    "00 C2 01 00 00 00 08",
-    "2C 01 00 00 02 02 07",
-    "80 25 00 00 01 04 10",
-    "00 00 00 00 00 00 00",
-    "FF FF FF FF FF FF FF",
-)
+CODINGS = ("00C20100000008", "2C010000020207", "80250000010410", "00000000000000", "FFFFFFFFFFFFFF")
 """115 200 baud 8N1, 300 baud 7E2, 9600 baud with 1.5 stop bits, spaces and 16 bits, and nonsense."""
 
 

@@ -35,9 +35,8 @@ def test_wiring_names_every_output_once(bench: Bench) -> None:
 
 
 @case("REQ-004", "BLK-006", "CHN-001", "CHN-003", needs=[Need.CAPTURE])
-def test_each_transducer_drives_its_output_alone(bench: Bench) -> None:
+def test_each_transducer_drives_its_output_alone(bench: Bench, player: Player) -> None:
     """Each transducer alone drives exactly the output that WIRING names, all 320 in turn, fewer on a slow line."""
-    player = Player(bench)
     transducers = bench.random.sample(range(CHANNELS), bench.tries(CHANNELS, SLOW_TRANSDUCERS))
     begun: list[int] = []
     for at in range(0, len(transducers), AT_ONCE):
@@ -78,17 +77,15 @@ def names(words: NDArray[np.uint32]) -> list[str]:
 
 
 @case("REQ-004", "BLK-006", "CHN-003", needs=[Need.CAPTURE])
-def test_all_transducers_drive_their_outputs_at_once(bench: Bench) -> None:
+def test_all_transducers_drive_their_outputs_at_once(bench: Bench, player: Player) -> None:
     """An update of 320 different pulses plays each of them on exactly the output that WIRING names."""
-    player = Player(bench)
     acks = [player.send(Update(all_different(bench))) for _ in range(3)]
     player.judge(acks[0].commit_period, acks[-1].commit_period + 3)
 
 
 @case("BLK-013", "REQ-004", "CHN-012/2", needs=[Need.CAPTURE], features=Feature.SEQUENCES)
-def test_slots_are_sorted_like_updates(bench: Bench) -> None:
+def test_slots_are_sorted_like_updates(bench: Bench, player: Player) -> None:
     """Slots of 320 different pulses play each of them on the output that WIRING names, as an update does."""
-    player = Player(bench)
     player.send_all([Slot(slot, all_different(bench)) for slot in (0, 255)])
     player.send(Entries((Entry(0, 1), Entry(255, 1)), 77))
     begin = player.send(PlaySequence(77, 2)).commit_period
@@ -96,9 +93,8 @@ def test_slots_are_sorted_like_updates(bench: Bench) -> None:
 
 
 @case("REQ-007", "REQ-004", "BLK-006", features=Feature.READ_BACK)
-def test_pulses_are_read_back_in_array_order(bench: Bench) -> None:
+def test_pulses_are_read_back_in_array_order(bench: Bench, player: Player) -> None:
     """PULSES answers the 320 different pulses of an update at the right transducers."""
-    player = Player(bench)
     for _ in range(3):
         pulses = all_different(bench)
         ack = player.send(Update(pulses))
@@ -112,9 +108,8 @@ def test_pulses_are_read_back_in_array_order(bench: Bench) -> None:
 @pytest.mark.parametrize(
     "transducer", [0, 1, 3, 4, 19, 20, CHANNELS // 2 - 1, CHANNELS // 2, CHANNELS - 2, CHANNELS - 1]
 )
-def test_each_transducer_is_read_back_alone(bench: Bench, transducer: int) -> None:
+def test_each_transducer_is_read_back_alone(bench: Bench, player: Player, transducer: int) -> None:
     """PULSES answers the pulse of a single transducer in its place, and silence in all others."""
-    player = Player(bench)
     pulses = only(transducer, 77, 13)
     ack = player.send(Update(pulses))
     bench.wait_until(ack.commit_period + 1)

@@ -10,6 +10,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.doors import Host
+from phasewire.hil.conformance.tools.exchange import order, statuses
 from phasewire.hil.conformance.tools.player import check_in_time, soon
 from phasewire.hil.conformance.tools.playing import HOT_PERIODS, expect_state, heat, play, reach, told
 from phasewire.hil.conformance.tools.steps import (
@@ -17,11 +18,19 @@ from phasewire.hil.conformance.tools.steps import (
     MOST_ENTRY_PERIODS,
     SILENT,
     enable,
+    expect_all,
     let_stores_go,
     require,
+    store_entry,
     suspended,
 )
-from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, await_firing, check_not_yet, patience
+from phasewire.hil.conformance.tools.watchdog import (
+    PERIODS_PER_MS,
+    await_firing,
+    check_not_yet,
+    let_watchdog_fire,
+    patience,
+)
 from phasewire.hil.conformance.transports.serial import RawSerialLine
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -37,19 +46,8 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import (
-    BLOCK_BYTES,
-    REQUEST_TYPE_OUT,
-    Action,
-    Fault,
-    Feature,
-    FrameKind,
-    Reason,
-    Request,
-    State,
-)
-from phasewire.protocol.replies import Status, records
-from phasewire.protocol.requests import Setup
+from phasewire.protocol.codes import BLOCK_BYTES, Action, Fault, Feature, Reason, Request, State
+from phasewire.protocol.replies import Status
 
 OFF, READY, PLAYING, UNATTENDED = State.OFF, State.READY, State.PLAYING, State.UNATTENDED
 FAULT, SUSPENDED, DFU = State.FAULT, State.SUSPENDED, State.DFU
@@ -73,7 +71,6 @@ LEADS_TO: dict[str, dict[State, State]] = {
 
 REACHED = (OFF, READY, PLAYING, UNATTENDED)
 ENABLED = (READY, PLAYING, UNATTENDED)
-SHORT_MS = 10
 
 
 def name(value: State | str) -> str:
@@ -95,8 +92,7 @@ def sequence(bench: Bench, state: State, *, repeats: int = 0, unattended: bool =
     """Play a sequence of 20 periods."""
     require(bench, Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
     if state not in (UNATTENDED, FAULT):  # the slot is in use there, or no store is accepted
-        bench.must(Slot(0, SILENT))
-        bench.must(Entries((Entry(0, 20),)))
+        store_entry(bench, 20, pulses=SILENT)
     elif state is UNATTENDED:
         bench.must(Slot(1, SILENT))
         bench.must(Entries((Entry(1, 20),)))
@@ -114,13 +110,6 @@ def ask_to_enable(bench: Bench, state: State) -> None:
     expect("whether ENABLE is carried out", bench.try_order(Request.ENABLE), state is not FAULT)
 
 
-def let_watchdog_fire(bench: Bench, _: State) -> None:
-    """Give no sign of life for longer than the watchdog time."""
-    bench.order(Request.WATCHDOG, SHORT_MS)
-    bench.outlast(3 * SHORT_MS / 1000)
-    bench.order(Request.WATCHDOG, LONG_MS)
-
-
 WAYS: dict[str, tuple[str, Callable[[Bench, State], None]]] = {
     "ENABLE": ("ENABLE", ask_to_enable),
     "DISABLE": ("DISABLE", lambda bench, _: bench.order(Request.DISABLE)),
@@ -130,7 +119,7 @@ WAYS: dict[str, tuple[str, Callable[[Bench, State], None]]] = {
     "unattended SEQUENCE": ("PLAY_UNATTENDED", lambda bench, state: sequence(bench, state, unattended=True)),
     "OUTPUT that silences": ("END", lambda bench, state: carry_out(bench, Output(Action.SILENCE), state)),
     "last repeat": ("END", last_repeat),
-    "WATCHDOG": ("WATCHDOG", let_watchdog_fire),
+    "WATCHDOG": ("WATCHDOG", lambda bench, _: let_watchdog_fire(bench)),
     "CLEAR_FAULTS": ("CLEAR", lambda bench, _: bench.order(Request.CLEAR_FAULTS)),
 }
 """Host actions that provoke an event, by event."""
@@ -157,10 +146,7 @@ def test_what_the_host_does_leads_to(bench: Bench, state: State, way: str) -> No
     wanted = [follows] if way in TELLING and (follows is not state or way == "last repeat") else []
     expect("the states of the unsolicited records", [status.state for status in said], wanted)
     if follows is state and way in NO_CHANGE:
-        after = bench.status()
-        expect("what plays since", after.since_period, before.since_period)
-        expect("the flags", after.flags, before.flags)
-        expect("the free places", after.free, before.free)
+        expect_all(bench.status(), since_period=before.since_period, flags=before.flags, free=before.free)
 
 
 FOLLOWERS: dict[str, tuple[Callable[[int], Body], State, list[State]]] = {
@@ -178,8 +164,7 @@ def follow_sequence(bench: Bench, body: Callable[[int], Body], periods: int, *, 
     """Queue a sequence of one repeat, and a change for the period of its end; returns its begin and end."""
     require(bench, Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
     enable(bench)
-    bench.must(Slot(0, SILENT))
-    bench.must(Entries((Entry(0, periods),)))
+    store_entry(bench, periods, pulses=SILENT)
     if Feature.MODULATION in bench.info.features:
         bench.must(Samples(bytes([255])))
     let_stores_go(bench)
@@ -215,12 +200,6 @@ def test_the_watchdog_starts_in_the_period_in_which_an_update_follows_an_unatten
     check_not_yet(bench, ends * TICKS_PER_PERIOD)
     bench.wait_until(ends)
     await_firing(bench, ends * TICKS_PER_PERIOD, ends * TICKS_PER_PERIOD, ms)
-
-
-BUS_RESETS: dict[str, Callable[[Bench], None]] = {
-    "SET_CONFIGURATION": lambda bench: bench.usb.set_configuration(),
-    "SET_INTERFACE": lambda bench: bench.usb.set_interface(0),
-}
 
 
 # A bus that is suspended
@@ -275,10 +254,7 @@ def check_suspended(host: Host) -> None:
 
 @pytest.mark.parametrize("state", [OFF, READY, PLAYING], ids=name)
 @case(
-    "STA-004",
-    "STA-005",
-    "USB-020",
-    "SER-016",
+    *("STA-004", "STA-005", "USB-020", "SER-016"),
     line="usb",
     needs=(Need.SUSPEND,),
     allow=(Risk.RESET,),
@@ -300,15 +276,7 @@ def test_what_a_serial_line_ends_on_a_suspended_bus_leaves_it_suspended(bench: B
         expect_state(bench, OFF)
 
 
-@case(
-    "STA-004",
-    "REQ-011",
-    "USB-020",
-    "SER-016",
-    line="usb",
-    needs=(Need.SUSPEND, Need.FAULTS),
-    allow=(Risk.RESET,),
-)
+@case("STA-004", "REQ-011", "USB-020", "SER-016", line="usb", needs=(Need.SUSPEND, Need.FAULTS), allow=(Risk.RESET,))
 def test_a_fault_that_is_cleared_on_a_suspended_bus_leaves_the_device_suspended(bench: Bench) -> None:
     """If a host at the UART clears a fault while the bus is suspended, SUSPEND follows at once."""
     with bench.door("uart") as line:
@@ -323,9 +291,7 @@ def test_a_fault_that_is_cleared_on_a_suspended_bus_leaves_the_device_suspended(
 
 
 @case(
-    "STA-004",
-    "SAF-005",
-    "STA-003",
+    *("STA-004", "SAF-005", "STA-003"),
     line="usb",
     needs=(Need.SUSPEND, Need.CAPTURE),
     allow=(Risk.RESET,),
@@ -334,9 +300,7 @@ def test_a_fault_that_is_cleared_on_a_suspended_bus_leaves_the_device_suspended(
 def test_what_ends_unattended_on_a_suspended_bus_leaves_the_device_suspended(bench: Bench) -> None:
     """When an unattended sequence ends while the bus is suspended, the outputs are disabled at once."""
     enable(bench)
-    pulses = bench.weak()
-    bench.must(Slot(0, pulses))
-    bench.must(Entries((Entry(0, 600),)))
+    store_entry(bench, 600)
     began = bench.must(PlaySequence(0, 1, repeats=2, unattended=True)).commit_period
     with suspended(bench):
         bench.wait(1600 / CARRIER_HZ)
@@ -365,12 +329,15 @@ def test_nothing_leaves_fault_while_its_cause_lasts(bench: Bench, way: str) -> N
     expect("the unsolicited records", told(bench), [])
 
 
-@pytest.mark.parametrize("how", BUS_RESETS, ids=name)
+@pytest.mark.parametrize("how", ["SET_CONFIGURATION", "SET_INTERFACE"], ids=name)
 @case("STA-003", "SAF-007/1", "USB-003", needs=FAULTY, line="usb")
 def test_configuring_the_device_does_not_leave_fault(bench: Bench, how: str) -> None:
     """A host that configures the device while a silencing fault lasts finds it in FAULT."""
     heat(bench)
-    BUS_RESETS[how](bench)
+    if how == "SET_CONFIGURATION":
+        bench.usb.set_configuration()
+    else:
+        bench.usb.set_interface(0)
     expect_state(bench, LEADS_TO["BUS_RESET"][FAULT])
     expect("the faults", bench.status().faults, Fault.TEMPERATURE)
 
@@ -391,14 +358,10 @@ def test_a_restart_leaves_fault_where_its_cause_is_gone(bench: Bench) -> None:
     """After RESET the device is in OFF if the fault is over, and in FAULT if it lasts."""
     heat(bench, 2 * HOT_PERIODS)
     bench.restart(lambda: bench.order(Request.RESET))
-    status = bench.status()
-    expect("the state while the board is hot", status.state, FAULT)
-    expect("the faults while the board is hot", status.faults, Fault.TEMPERATURE)
+    expect_all(bench.status(), " while the board is hot", state=FAULT, faults=Fault.TEMPERATURE)
     bench.wait_periods(2 * HOT_PERIODS)
     bench.restart(lambda: bench.order(Request.RESET))
-    status = bench.status()
-    expect("the state", status.state, LEADS_TO["RESTART"][FAULT])
-    expect("the faults", status.faults, Fault(0))
+    expect_all(bench.status(), state=LEADS_TO["RESTART"][FAULT], faults=Fault(0))
 
 
 # Two doors
@@ -415,11 +378,6 @@ def console_in_frames(bench: Bench) -> Iterator[RawSerialLine]:
         line.enter_console()
 
 
-def order_by(line: RawSerialLine, request: Request, value: int = 0) -> None:
-    """Make a request through the second door."""
-    assert line.request(Setup(REQUEST_TYPE_OUT, request, value, 0, 0)) is not None, f"{request.name} is stalled"
-
-
 def states_in(statuses: list[Status]) -> list[State]:
     """Their states."""
     return [status.state for status in statuses]
@@ -428,9 +386,9 @@ def states_in(statuses: list[Status]) -> list[State]:
 def heard(line: RawSerialLine) -> list[Status]:
     """The status records that came through the second door."""
     line.rest()
-    found = [record for body in line.frames(FrameKind.RECORD) for record in records(body)]
+    found = statuses(line)
     line.forget()
-    return [record for record in found if isinstance(record, Status)]
+    return found
 
 
 @case("ACK-006/1", "SER-016", line="usb", features=Feature.CONSOLE)
@@ -441,7 +399,7 @@ def test_a_change_of_state_through_another_door_is_told(bench: Bench) -> None:
     with console_in_frames(bench) as line:
         told(bench)
         for request, state in ((Request.ENABLE, READY), (Request.DISABLE, OFF)):
-            order_by(line, request)
+            order(line, request)
             expect(f"what USB is told of {request.name} in frames", states_in(told(bench)), [state])
             expect("what is told in frames", states_in(heard(line)), [])
         bench.enable()
@@ -462,8 +420,7 @@ def test_the_watchdog_is_told_at_every_door(bench: Bench) -> None:
     with console_in_frames(bench) as line:
         bench.enable()
         heard(line)
-        bench.order(Request.WATCHDOG, SHORT_MS)
-        bench.outlast(3 * SHORT_MS / 1000)
+        let_watchdog_fire(bench)
         for where, said in (("over USB", told(bench)), ("in frames", heard(line))):
             expect(f"the states in the records {where}", states_in(said), [OFF])
             assert said[0].watchdog_fired, f"the flags in the record {where} are {said[0].flags!r}"
@@ -473,8 +430,7 @@ def test_the_watchdog_is_told_at_every_door(bench: Bench) -> None:
 def test_what_is_told_unasked_comes_behind_the_acknowledgements_that_wait(bench: Bench) -> None:
     """An unsolicited status record does not overtake acknowledgements, and a newer one replaces it."""
     enable(bench)
-    bench.must(Slot(0, SILENT))
-    bench.must(Entries((Entry(0, 2000),)))
+    store_entry(bench, 2000, pulses=SILENT)
     told(bench)
     bodies = (PlaySequence(0, 1, repeats=1), NoOp(), NoOp())
     blocks = [pack(bench.numbered(body)) for body in bodies]

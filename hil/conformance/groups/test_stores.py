@@ -99,20 +99,18 @@ def test_one_gap_in_a_sequence_is_enough(bench: Bench) -> None:
     must_all(bench, [Entries((Entry(0, 50), Entry(1, 50), Entry(0, 50)), 20), Entries((Entry(0, 50),), 24)])
     must_all(bench, [Slot(0, SILENT)])
     let_stores_go(bench)
-    refuse(
-        bench,
-        [
-            Wrong(what, forge(bench, PlaySequence(first, count)), Reason.EMPTY)
-            for what, first, count in (
-                ("an entry before the first", 19, 2),
-                ("an entry after the last", 22, 2),
-                ("an entry between", 22, 3),
-                ("a slot at the end", 20, 2),
-                ("a slot at the beginning", 21, 2),
-                ("a slot between", 20, 3),
-            )
-        ],
-    )
+    wrong = [
+        Wrong(what, forge(bench, PlaySequence(first, count)), Reason.EMPTY)
+        for what, first, count in (
+            ("an entry before the first", 19, 2),
+            ("an entry after the last", 22, 2),
+            ("an entry between", 22, 3),
+            ("a slot at the end", 20, 2),
+            ("a slot at the beginning", 21, 2),
+            ("a slot between", 20, 3),
+        )
+    ]
+    refuse(bench, wrong)
     bench.must(PlaySequence(20, 1))
     bench.must(PlaySequence(22, 1))
     bench.must(Slot(1, SILENT))
@@ -132,17 +130,13 @@ def test_a_modulation_of_what_was_never_stored_is_refused(bench: Bench) -> None:
     refuse(bench, some(bench, wrong))
     must_all(bench, [Samples(bytes(5), 30), Samples(bytes(5), 36)])
     let_stores_go(bench)
-    refuse(
-        bench,
-        [
-            Wrong(
-                f"samples {first} to {first + count - 1}",
-                forge(bench, AmplitudeModulation(first, count, 1)),
-                Reason.EMPTY,
-            )
-            for first, count in ((29, 2), (34, 2), (35, 2), (30, 11), (40, 2))
-        ],
-    )
+    wrong = [
+        Wrong(
+            f"samples {first} to {first + count - 1}", forge(bench, AmplitudeModulation(first, count, 1)), Reason.EMPTY
+        )
+        for first, count in ((29, 2), (34, 2), (35, 2), (30, 11), (40, 2))
+    ]
+    refuse(bench, wrong)
     bench.must(AmplitudeModulation(30, 5, 1))
     bench.must(AmplitudeModulation(36, 5, 1))
     bench.must(Samples(bytes(1), 35))
@@ -156,26 +150,22 @@ def test_what_was_refused_was_not_stored(bench: Bench) -> None:
     bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(5, 10),), 1))
     let_stores_go(bench)
-    refuse(
-        bench,
-        [
-            Wrong("a SLOT whose last phase is 127", forge(bench, Slot(5, SILENT), late_phase(SILENT)), Reason.PULSE),
-            Wrong("ENTRIES without a checksum", forge(bench, Entries((Entry(0, 10),)), checksum=0), Reason.CHECKSUM),
-            Wrong("SAMPLES with hold", forge(bench, Samples(b"\1"), hold=1), Reason.FIELD),
-            Wrong("the slot", forge(bench, PlaySequence(1, 1)), Reason.EMPTY),
-            Wrong("the entry", forge(bench, PlaySequence(0, 1)), Reason.EMPTY),
-            Wrong("the sample", forge(bench, AmplitudeModulation(0, 1, 1)), Reason.EMPTY),
-        ],
-    )
+    wrong = [
+        Wrong("a SLOT whose last phase is 127", forge(bench, Slot(5, SILENT), late_phase(SILENT)), Reason.PULSE),
+        Wrong("ENTRIES without a checksum", forge(bench, Entries((Entry(0, 10),)), checksum=0), Reason.CHECKSUM),
+        Wrong("SAMPLES with hold", forge(bench, Samples(b"\1"), hold=1), Reason.FIELD),
+        Wrong("the slot", forge(bench, PlaySequence(1, 1)), Reason.EMPTY),
+        Wrong("the entry", forge(bench, PlaySequence(0, 1)), Reason.EMPTY),
+        Wrong("the sample", forge(bench, AmplitudeModulation(0, 1, 1)), Reason.EMPTY),
+    ]
+    refuse(bench, wrong)
     bench.must(Samples(bytes(2), 5))
     bench.must(AmplitudeModulation(5, 2, 1))
-    refuse(
-        bench,
-        [
-            Wrong("SAMPLES of which some are in use", forge(bench, Samples(bytes(3), 6)), Reason.IN_USE),
-            Wrong("one of them that is not", forge(bench, AmplitudeModulation(7, 1, 1)), Reason.EMPTY),
-        ],
-    )
+    wrong = [
+        Wrong("SAMPLES of which some are in use", forge(bench, Samples(bytes(3), 6)), Reason.IN_USE),
+        Wrong("one of them that is not", forge(bench, AmplitudeModulation(7, 1, 1)), Reason.EMPTY),
+    ]
+    refuse(bench, wrong)
 
 
 # What is in use
@@ -397,10 +387,7 @@ def beside(bench: Bench, size: int, a_block: int) -> list[range]:
 
 
 def renewals(player: Player, what: str) -> list[tuple[list[Body], PlaySequence | AmplitudeModulation]]:
-    """New content for places that do not play, in two parts, each with a change that plays it.
-
-    What else these need is stored at once.
-    """
+    """New content for places that do not play, in two parts, each with a change that plays it; stores the rest."""
     bench, draw = player.bench, player.bench.random
     if what == "samples":
         return [

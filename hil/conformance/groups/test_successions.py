@@ -17,16 +17,11 @@ from phasewire.hil.conformance.tools.planning import (
     SETTLED,
     check_rest,
     some_time,
-    store,
     store_for_plans,
 )
-from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, check_in_time, soon
-from phasewire.hil.conformance.tools.playing import (
-    play,
-    start,
-    told,
-)
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, require
+from phasewire.hil.conformance.tools.player import check_in_time, soon
+from phasewire.hil.conformance.tools.playing import play, start, told
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, expect_all, require, store_entry
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, TICKS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
@@ -43,7 +38,7 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import TICKS_PER_PERIOD
-from phasewire.protocol.codes import SILENT_PERIODS, Action, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.codes import PROMISED_PERIODS, SILENT_PERIODS, Action, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.replies import Status
 
 UNATTENDED = Feature.SEQUENCES | Feature.UNATTENDED
@@ -77,8 +72,8 @@ def check_successor(bench: Bench, by: str, unattended: bool, at: Callable[[int, 
     successor, state = SUCCESSORS[by]
     needed = UNATTENDED if unattended or state is State.UNATTENDED else Feature.SEQUENCES
     require(bench, needed)
-    store(bench, some_time(bench) // 2)
-    store(bench, 7, PLACE + 1)
+    store_entry(bench, some_time(bench) // 2, PLACE)
+    store_entry(bench, 7, PLACE + 1)
     enable(bench)
     began = bench.must(PlaySequence(PLACE, 1, repeats=2, unattended=unattended)).commit_period
     ends = began + 2 * (some_time(bench) // 2)
@@ -89,11 +84,9 @@ def check_successor(bench: Bench, by: str, unattended: bool, at: Callable[[int, 
     bench.unasked.clear()
     bench.wait_until(max(since, ends) + SETTLED)
     status = bench.status()
-    expect("the state after the time of what was replaced", status.state, state)
-    expect("what plays since", status.since_period, since)
+    expect_all(status, " after the time of what was replaced", state=state, since_period=since)
     sequence = StatusFlag(0) if "update" in by else StatusFlag.SEQUENCE
-    expect("the flags", status.flags, sequence)
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect_all(status, flags=sequence, free=bench.info.queue_blocks)
 
 
 every_successor = pytest.mark.parametrize("by", SUCCESSORS)
@@ -133,7 +126,7 @@ def test_a_sequence_that_begins_anew_ends_once(bench: Bench, unattended: bool) -
     """A sequence with repeats that replaces itself ends after its second run, and this is reported once."""
     require(bench, UNATTENDED if unattended else Feature.SEQUENCES)
     lasts = some_time(bench) // 2
-    store(bench, lasts)
+    store_entry(bench, lasts, PLACE)
     enable(bench)
     began = bench.must(PlaySequence(PLACE, 1, repeats=1, unattended=unattended)).commit_period
     again = began + lasts // 2
@@ -165,7 +158,7 @@ def modulate(bench: Bench, *, ends: bool = False) -> None:
 
 def follow(bench: Bench) -> None:
     """Begin another unattended sequence."""
-    store(bench, 7, PLACE + 1)
+    store_entry(bench, 7, PLACE + 1)
     over_unattended(bench, PlaySequence(PLACE + 1, 1, unattended=True))
 
 
@@ -174,7 +167,7 @@ DISTURBANCES: dict[str, Callable[[Bench], object]] = {
     "end-of-modulation": lambda bench: modulate(bench, ends=True),
     "another-unattended-sequence": follow,
     "no-op": lambda bench: over_unattended(bench, NoOp()),
-    "store": lambda bench: store(bench, 7, PLACE + 1),
+    "store": lambda bench: store_entry(bench, 7, PLACE + 1),
     "queued-update": lambda bench: bench.must(Update(SILENT, bench.period() + LONG_MS * PERIODS_PER_MS)),
     "late-end-of-modulation": lambda bench: over_unattended(bench, Output(Action.END_MODULATION, 1)),
     "refused-block": lambda bench: bench.send_raw(forged(pack(bench.numbered(NoOp())), checksum=1)),
@@ -299,14 +292,9 @@ TRIES = 100
 
 
 def fire_over_the_chain(bench: Bench, change: Callable[[int], Change]) -> tuple[int, int]:
-    """Let the watchdog fire within `CHAIN_TICKS` before the period of a change.
+    """Let the watchdog fire within `CHAIN_TICKS` before the period of a change; returns that of silence, and that.
 
-    The watchdog fires a whole number of milliseconds after the last sign of life, so the right moment must be met.
-
-    Returns
-    -------
-    since, due : int
-        The period from which on the outputs must be silent, and that of the change.
+    It fires a whole number of milliseconds after the last sign of life, so the right moment must be met.
     """
     due = soon(bench, 2 * TRIES)
     check_in_time(bench.must(change(due)), due)

@@ -11,8 +11,8 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
 from phasewire.hil.conformance.tools.clocks import compare_clocks
-from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, Player, check_in_time, soon
-from phasewire.hil.conformance.tools.steps import check_sync
+from phasewire.hil.conformance.tools.player import Player, check_in_time, soon
+from phasewire.hil.conformance.tools.steps import check_sync, enable
 from phasewire.protocol.blocks import (
     AmplitudeModulation,
     Change,
@@ -27,7 +27,7 @@ from phasewire.protocol.blocks import (
     Update,
 )
 from phasewire.protocol.board import CARRIER_HZ, TICK_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import NOW, SYNC_PERIODS, Action, Fault, Feature, Reason, Request, State
+from phasewire.protocol.codes import PROMISED_PERIODS, NOW, SYNC_PERIODS, Action, Fault, Feature, Reason, Request, State
 from phasewire.protocol.replies import Ack
 
 COUNTER_TICKS = 65_536
@@ -103,9 +103,8 @@ def changes(player: Player, kind: ChangeKind) -> Callable[[int], Change]:
 
 @case("BLK-005", "BUD-003", "TIM-003", "CHN-005", needs=[Need.CAPTURE])
 @EVERY_KIND
-def test_a_change_plays_from_the_period_that_it_names(bench: Bench, kind: ChangeKind) -> None:
+def test_a_change_plays_from_the_period_that_it_names(player: Player, kind: ChangeKind) -> None:
     """A change for a distant period begins at the first tick of that period on all ten processors."""
-    player = Player(bench)
     change = changes(player, kind)
     period = player.soon()
     player.send(change(period))
@@ -114,9 +113,8 @@ def test_a_change_plays_from_the_period_that_it_names(bench: Bench, kind: Change
 
 @case("BLK-005", "BUD-003")
 @EVERY_KIND
-def test_a_change_for_now_is_never_late(bench: Bench, kind: ChangeKind) -> None:
+def test_a_change_for_now_is_never_late(bench: Bench, player: Player, kind: ChangeKind) -> None:
     """A change for period 0 takes effect as early as a named one is promised to, and does not count as late."""
-    player = Player(bench)
     change = changes(player, kind)
     before = bench.status()
     for _ in range(4):
@@ -130,9 +128,8 @@ def test_a_change_for_now_is_never_late(bench: Bench, kind: ChangeKind) -> None:
 
 @case("BLK-005", "BUD-003", "TIM-003", needs=[Need.CAPTURE])
 @EVERY_KIND
-def test_a_change_for_now_plays_from_the_period_acknowledged(bench: Bench, kind: ChangeKind) -> None:
+def test_a_change_for_now_plays_from_the_period_acknowledged(bench: Bench, player: Player, kind: ChangeKind) -> None:
     """A change for period 0 begins exactly at the period in its acknowledgement, which the device chose."""
-    player = Player(bench)
     change = changes(player, kind)
     first = bench.period()
     for _ in range(3):
@@ -144,9 +141,8 @@ def test_a_change_for_now_plays_from_the_period_acknowledged(bench: Bench, kind:
 @case("BLK-005/1", "REQ-003")
 @EVERY_KIND
 @pytest.mark.parametrize("back", [0, 1, 300, 2**40], ids=["this-period", "one-ago", "long-ago", "at-the-beginning"])
-def test_a_late_change_is_counted_and_said(bench: Bench, kind: ChangeKind, back: int) -> None:
+def test_a_late_change_is_counted_and_said(bench: Bench, player: Player, kind: ChangeKind, back: int) -> None:
     """A change for a period that has begun is late: accepted with LATE, counted once, and plays within five periods."""
-    player = Player(bench)
     change = changes(player, kind)
     before = bench.status()
     ack = bench.must(change(max(bench.period() - back, 1)))
@@ -171,9 +167,8 @@ def check_late(ack: Ack) -> None:
 
 @case("BLK-005/1", "TIM-003", needs=[Need.CAPTURE])
 @EVERY_KIND
-def test_a_late_change_plays_at_the_period_acknowledged(bench: Bench, kind: ChangeKind) -> None:
+def test_a_late_change_plays_at_the_period_acknowledged(bench: Bench, player: Player, kind: ChangeKind) -> None:
     """A late change is not dropped: it plays from the period in its acknowledgement."""
-    player = Player(bench)
     change = changes(player, kind)
     body = change(bench.period())
     ack = bench.must(body)
@@ -184,9 +179,8 @@ def test_a_late_change_plays_at_the_period_acknowledged(bench: Bench, kind: Chan
 
 @case("BLK-005/2", "BLK-005/1")
 @EVERY_KIND
-def test_the_fifth_period_is_promised(bench: Bench, kind: ChangeKind) -> None:
+def test_the_fifth_period_is_promised(bench: Bench, player: Player, kind: ChangeKind) -> None:
     """A change five periods after its block's arrival is in time, one for a period that has begun is late."""
-    player = Player(bench)
     change = changes(player, kind)
     wanted = bench.tries(12, 1, 42)
     rounds = 14 * wanted
@@ -219,9 +213,8 @@ def test_the_fifth_period_is_promised(bench: Bench, kind: ChangeKind) -> None:
 
 
 @case("BLK-007", "BLK-005/1", "BLK-005", outputs=("BLK-007", "CHN-007"))
-def test_changes_take_effect_in_the_order_of_acceptance(bench: Bench) -> None:
+def test_changes_take_effect_in_the_order_of_acceptance(bench: Bench, player: Player) -> None:
     """After a queued change one for the same period, an earlier one, or none, begins next, in the order of arrival."""
-    player = Player(bench)
     pulses = [bench.weak(), bench.weak()]
     player.send(Update(pulses[1]))
     before = bench.status()
@@ -243,9 +236,8 @@ def test_changes_take_effect_in_the_order_of_acceptance(bench: Bench) -> None:
 
 
 @case("BLK-007", "BLK-012", "CHN-014/2", outputs=("BLK-007", "BLK-012", "CHN-029", "TIM-003"), features=BOTH)
-def test_changes_of_all_kinds_follow_each_other(bench: Bench) -> None:
+def test_changes_of_all_kinds_follow_each_other(bench: Bench, player: Player) -> None:
     """Updates, sequences, modulations and their ends queued a few periods apart begin each at its own period."""
-    player = Player(bench)
     player.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Samples(bytes([0, 255, 30, 180, 90]), 9)])
     player.send_all([Entries((Entry(1, 1), Entry(2, 3), Entry(1, 2)), 9), Update(bench.weak())])
     before = bench.status()
@@ -275,9 +267,8 @@ def test_changes_of_all_kinds_follow_each_other(bench: Bench) -> None:
 
 
 @case("BLK-007", "BLK-005/1", outputs=("BLK-007", "BLK-005/1"), features=Feature.MODULATION)
-def test_an_update_and_a_modulation_cannot_begin_together(bench: Bench) -> None:
+def test_an_update_and_a_modulation_cannot_begin_together(bench: Bench, player: Player) -> None:
     """An update for the period of a modulation that was accepted before it is late, and begins soon after it."""
-    player = Player(bench)
     player.send_all([Update(bench.weak()), Samples(bytes([60, 250, 128]))])
     period = player.soon(2)
     update = Update(bench.weak(), period)
@@ -294,9 +285,8 @@ def test_an_update_and_a_modulation_cannot_begin_together(bench: Bench) -> None:
 
 @case("BLK-010", "TIM-002")
 @EVERY_KIND
-def test_the_horizon_is_exact(bench: Bench, kind: ChangeKind) -> None:
+def test_the_horizon_is_exact(bench: Bench, player: Player, kind: ChangeKind) -> None:
     """A change 2³² periods after its block's arrival is accepted, and one a period later refused with HORIZON."""
-    player = Player(bench)
     change = changes(player, kind)
     asked = bench.period()
     latency = bench.must(Clock()).now_period - asked
@@ -327,9 +317,8 @@ def test_the_horizon_is_exact(bench: Bench, kind: ChangeKind) -> None:
 
 
 @case("CHN-020", "BLK-023", "BUD-001/1", "BUD-004", outputs=("CHN-005", "CHN-007", "TIM-003", "BUD-001/1"))
-def test_all_processors_change_in_the_same_tick(bench: Bench) -> None:
+def test_all_processors_change_in_the_same_tick(bench: Bench, player: Player) -> None:
     """Updates at the rate of INFO begin on all ten processors at their periods, none late and none missed."""
-    player = Player(bench)
     spacing = bench.info.periods_per_update
     count = min(bench.info.queue_blocks, 16)
     player.send(Update(bench.weak()))
@@ -357,12 +346,10 @@ def wraps(first: int) -> list[int]:
 
 
 @case("TIM-004", "TIM-003", needs=[Need.CAPTURE])
-def test_outputs_stay_in_step_across_wraps_of_the_port_counter(bench: Bench) -> None:
+def test_outputs_stay_in_step_across_wraps_of_the_port_counter(bench: Bench, player: Player) -> None:
     """Pulses keep their place in the period when a 16-bit counter wraps, and changes there begin at first ticks."""
-    player = Player(bench)
     spacing = bench.info.periods_per_update
-    ack = player.send(Update(bench.weak()))
-    begun = ack.commit_period
+    begun = player.send(Update(bench.weak())).commit_period
     for places in ([0, spacing], [-spacing, 0], [1], []):
         wrap = wraps(player.soon(3))[0]
         player.send_all([Update(bench.weak(), wrap + place) for place in places])
@@ -384,8 +371,7 @@ def test_every_clock_tells_the_same_time(bench: Bench) -> None:
         bench.wait(bench.random.random() / 100)
     for (name, tick), (next_name, next_tick) in pairwise(told):
         assert tick < next_tick, f"{next_name} names tick {next_tick} after {name} named {tick}: should be later"
-    acks = bench.send_all([NoOp()] * 8)
-    ticks = [ack.now for ack in acks]
+    ticks = [ack.now for ack in bench.send_all([NoOp()] * 8)]
     assert all(one < other for one, other in pairwise(ticks)), (
         f"consecutive blocks had arrived at ticks {ticks}: should be rising"
     )
@@ -495,9 +481,8 @@ def test_a_sync_pulse_comes_every_4096_periods(bench: Bench) -> None:
 
 
 @case("BLK-019", "CHN-026", "BLK-024", "ACK-002")
-def test_a_clock_block_tells_the_sync_period_and_does_nothing(bench: Bench) -> None:
+def test_a_clock_block_tells_the_sync_period_and_does_nothing(bench: Bench, player: Player) -> None:
     """A CLOCK is answered with the period of the last sync pulse, and changes neither what plays nor the queue."""
-    player = Player(bench)
     update = player.send(Update(bench.weak()))
     bench.wait_until(update.commit_period + 2)
     before = bench.status()
@@ -518,43 +503,31 @@ def test_a_clock_block_tells_the_sync_period_and_does_nothing(bench: Bench) -> N
 # The start
 
 
-def check_complete(bench: Bench) -> None:
-    """Fail unless the first sync pulse had come, and the chain was complete, before the device answered."""
+def check_begins_anew(bench: Bench, what: str, restart: Callable[[], None]) -> None:
+    """Fail unless time begins anew, and the first sync pulse and the whole chain come before the first answer."""
+    began = bench.line.time.monotonic()
+    restart()
     first = bench.clock()  # this is the first question
     assert first.sync_pulses >= 1, f"at tick {first.now} no pulse on the sync line had come, should one at period 0"
-    processors = bench.processors()
-    status = bench.status()
-    missing = [number for number, report in enumerate(processors) if report.bank is None]
-    if Fault.PROCESSOR not in status.faults:
+    missing = [number for number, report in enumerate(bench.processors()) if report.bank is None]
+    if Fault.PROCESSOR not in bench.status().faults:
         expect("missing processors", missing, [])
     check_sync(bench)
+    tick = bench.clock().now
+    elapsed = bench.line.time.monotonic() - began
+    assert tick <= elapsed * TICK_HZ * (1 + TOLERANCE), (
+        f"{elapsed:.3f} s after {what} the clock names tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
+    )
 
 
 @case("TIM-002/2", "TIM-002", "CHN-026", allow=[Risk.RESET])
 def test_after_a_reset_the_device_answers_from_period_0_on(bench: Bench) -> None:
     """After RESET time restarts at 0, and the first answer knows the processors and the sync pulse of period 0."""
-    now = bench.line.time.monotonic
-    bench.order(Request.WATCHDOG, 60_000)
-    bench.enable()
-    began = now()
-    bench.restart(lambda: bench.order(Request.RESET))
-    check_complete(bench)
-    tick = bench.clock().now
-    elapsed = now() - began
-    assert tick <= elapsed * TICK_HZ * (1 + TOLERANCE), (
-        f"{elapsed:.3f} s after RESET the clock names tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
-    )
+    enable(bench)
+    check_begins_anew(bench, "RESET", lambda: bench.restart(lambda: bench.order(Request.RESET)))
 
 
 @case("TIM-002/2", "TIM-002", "CHN-026", allow=[Risk.RESET], needs=[Need.POWER])
 def test_after_power_up_the_device_answers_from_period_0_on(bench: Bench) -> None:
     """After power-up time restarts at 0, and the first answer knows the processors and the sync pulse of period 0."""
-    now = bench.line.time.monotonic
-    began = now()
-    bench.power_cycle()
-    check_complete(bench)
-    tick = bench.clock().now
-    elapsed = now() - began
-    assert tick <= elapsed * TICK_HZ * (1 + TOLERANCE), (
-        f"{elapsed:.3f} s after power was cut the clock names tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
-    )
+    check_begins_anew(bench, "power was cut", bench.power_cycle)

@@ -45,8 +45,7 @@ def test_info_says_version_1(bench: Bench) -> None:
     oldest, newest = bench.ask(Request.INFO)[:2]
     assert oldest <= 1 <= newest, f"it speaks versions {oldest} to {newest}, should speak version 1"
     if bench.line.kind == "usb":
-        interface = bench.usb.device.get_active_configuration()[(0, 0)]
-        expect("protocol of interface 0", interface.bInterfaceProtocol, 1)
+        expect("protocol of interface 0", bench.usb.device.get_active_configuration()[(0, 0)].bInterfaceProtocol, 1)
 
 
 @case("VER-002", "VER-003", "ACK-002")
@@ -75,18 +74,14 @@ def test_a_block_of_another_version_has_no_effect(bench: Bench) -> None:
     number = bench.must(NoOp()).sequence
     wrong = [Wrong("another version", forge(bench, body, version=other, flags=1), Reason.VERSION) for body in bodies]
     refuse(bench, wrong)
-    ack = bench.must(NoOp(), number=(number + 1) % 2**32)
-    expect("flags after them", ack.flags, 0)
+    expect("flags after them", bench.must(NoOp(), number=(number + 1) % 2**32).flags, 0)
 
 
 # Features
 
 NEEDED: dict[str, tuple[Feature, list[Body]]] = {
     "sequences": (Feature.SEQUENCES, [Slot(0, SILENT), Entries((Entry(0, 1),)), PlaySequence(0, 1)]),
-    "modulation": (
-        Feature.MODULATION,
-        [Samples(b"\1"), AmplitudeModulation(0, 1, 1), Output(Action.END_MODULATION)],
-    ),
+    "modulation": (Feature.MODULATION, [Samples(b"\1"), AmplitudeModulation(0, 1, 1), Output(Action.END_MODULATION)]),
     "unattended": (Feature.UNATTENDED, [PlaySequence(0, 1, unattended=True)]),
 }
 """Blocks that need a feature."""

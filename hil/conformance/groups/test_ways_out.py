@@ -28,11 +28,13 @@ from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
     enable,
-    features_of,
+    expect_all,
     forge,
     heavy,
+    known,
     let_stores_go,
     set_limit,
+    store_entry,
     suspended,
 )
 from phasewire.hil.conformance.tools.watchdog import (
@@ -40,22 +42,11 @@ from phasewire.hil.conformance.tools.watchdog import (
     TICKS_PER_MS,
     await_firing,
     check_not_yet,
+    let_watchdog_fire,
     patience,
 )
 from phasewire.host.transports.usb_find import DFU_MODE
-from phasewire.protocol.blocks import (
-    AmplitudeModulation,
-    Body,
-    Entries,
-    Entry,
-    NoOp,
-    Output,
-    PlaySequence,
-    Samples,
-    Slot,
-    Update,
-    pack,
-)
+from phasewire.protocol.blocks import AmplitudeModulation, NoOp, Output, PlaySequence, Samples, Slot, Update, pack
 from phasewire.protocol.board import TICKS_PER_PERIOD
 from phasewire.protocol.codes import (
     BLOCK_BYTES,
@@ -81,29 +72,16 @@ REACHED = (OFF, READY, PLAYING, UNATTENDED)
 """The states to which blocks and requests lead; each other one is on a way out."""
 HELD = 2
 """The drive limit that is set before a way out, in transducers."""
-SHORT_MS = 10
 SAMPLE = 128
 
 
 # Ways to let an event happen
 
 
-def disable_by_a_block(bench: Bench) -> None:
-    """A disabling OUTPUT block takes effect."""
-    bench.wait_until(bench.must(Output(Action.DISABLE)).commit_period + 1)
-
-
 def stop(bench: Bench) -> None:
     """Type `stop` at the console."""
     with at_the_console(bench) as line:
         expect("the answer to stop", line.command("stop"), "ok\r\n")
-
-
-def let_watchdog_fire(bench: Bench) -> None:
-    """Give no sign of life for longer than the watchdog time."""
-    bench.order(Request.WATCHDOG, SHORT_MS)
-    bench.outlast(3 * SHORT_MS / 1000)
-    bench.order(Request.WATCHDOG, LONG_MS)
 
 
 def fail(bench: Bench) -> None:
@@ -121,8 +99,7 @@ def cool(bench: Bench) -> None:
     bench.wait(ROUND_SECONDS)
     status = bench.status()
     expect("state and faults", (status.state, status.faults), (FAULT, Fault.TEMPERATURE))
-    expect("what plays since", status.since_period, 0)
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect_all(status, since_period=0, free=bench.info.queue_blocks)
     assert not bench.try_order(Request.ENABLE), "ENABLE is not answered with STALL in FAULT"
 
 
@@ -172,7 +149,11 @@ RESET = How(name="reset", act=lambda bench: bench.restart(lambda: bench.order(Re
 HOWS: dict[StateEvent, tuple[How, ...]] = {
     StateEvent.DISABLE: (
         How(name="disable", act=lambda bench: bench.order(Request.DISABLE), tells=()),
-        How(name="output", act=disable_by_a_block, tells=()),
+        How(
+            name="output",
+            act=lambda bench: bench.wait_until(bench.must(Output(Action.DISABLE)).commit_period + 1),
+            tells=(),
+        ),
         How(name="stop", act=stop, features=Feature.CONSOLE),
     ),
     StateEvent.WATCHDOG: (How(name="watchdog", act=let_watchdog_fire, tells=(OFF,)),),
@@ -214,16 +195,9 @@ class WayOut(Row):
     def through(cls, state: State, steps: tuple[How, ...], *, restarts: bool) -> WayOut:
         """The way of some steps."""
         merged = reduce(lambda about, row: row.added_to(about), steps, Case((), ""))
+        needed = {name: getattr(merged, name) for name in ("needs", "risks", "line")}
         features = merged.features | (PERMISSION if state is UNATTENDED else Feature(0))
-        return cls(
-            state=state,
-            steps=steps,
-            restarts=restarts,
-            needs=merged.needs,
-            risks=merged.risks,
-            line=merged.line,
-            features=features,
-        )
+        return cls(state=state, steps=steps, restarts=restarts, features=features, **needed)
 
 
 def beginnings(state: State) -> list[tuple[State, tuple[How, ...]]]:
@@ -264,10 +238,7 @@ def share(bench: Bench) -> float:
 
 
 def leave(bench: Bench, way: WayOut, also: Callable[[Bench], object] = lambda _: None) -> Status:
-    """Lower the limit, reach a state and take the way out of it; returns the status, which must be that of OFF.
-
-    In that state something more may be begun.
-    """
+    """Lower the limit, reach a state, begin something more, take the way out; returns the status, that of OFF."""
     set_limit(bench, HELD)
     reach(bench, way.state, share(bench))
     also(bench)
@@ -283,9 +254,7 @@ def leave(bench: Bench, way: WayOut, also: Callable[[Bench], object] = lambda _:
     if way.steps[-1].name == "watchdog":
         flags = StatusFlag.WATCHDOG_FIRED
     expect("state and flags", (status.state, status.flags), (OFF, flags))
-    expect("the faults", status.faults, Fault(0))
-    expect("what plays since", status.since_period, 0)
-    expect("the free places", status.free, bench.info.queue_blocks)
+    expect_all(status, faults=Fault(0), since_period=0, free=bench.info.queue_blocks)
     info = bench.info
     limits = (info.watchdog_ms, info.drive_limit) if way.restarts else (LONG_MS, HELD)
     expect("the watchdog time and the drive limit", (status.watchdog_ms, status.drive_limit), limits)
@@ -308,19 +277,15 @@ def modulate(bench: Bench) -> int:
 def check_limit(bench: Bench, limit: int) -> None:
     """Fail unless the drive limit holds, and cannot be set while the outputs are enabled."""
     assert not bench.try_order(Request.LIMIT, limit), "LIMIT is carried out while the outputs are enabled"
-    above: list[Body] = [Update(heavy(HELD + 1))]
-    if Feature.SEQUENCES in bench.info.features:
-        above.append(Slot(0, heavy(HELD + 1)))
     reason = Reason.DRIVE if limit == HELD else Reason.ACCEPTED
-    for body in above:
+    for body in known(bench, Update(heavy(HELD + 1)), Slot(0, heavy(HELD + 1))):
         expect(f"the reason for {body.KIND.name} of {HELD + 1} transducers", bench.send(body).reason, reason)
     expect(f"the reason for an update of {HELD}", bench.send(Update(heavy(HELD))).reason, Reason.ACCEPTED)
 
 
 def store(bench: Bench) -> None:
     """Store a sequence that plays for ever."""
-    bench.must(Slot(0, SILENT))
-    bench.must(Entries((Entry(0, 1000),)))
+    store_entry(bench, 1000, pulses=SILENT)
     let_stores_go(bench)
 
 
@@ -335,9 +300,8 @@ def test_the_watchdog_and_the_limit_hold_after(bench: Bench, way: WayOut) -> Non
     A refused block is no sign of life.
     """
     limit = leave(bench, way).drive_limit
-    for body in (Update(SILENT), PlaySequence(0, 1), Output(Action.SILENCE)):
-        if not features_of(body) & ~bench.info.features:
-            expect(f"the reason for {body.KIND.name} before ENABLE", bench.send(body).reason, Reason.DISABLED)
+    for body in known(bench, Update(SILENT), PlaySequence(0, 1), Output(Action.SILENCE)):
+        expect(f"the reason for {body.KIND.name} before ENABLE", bench.send(body).reason, Reason.DISABLED)
     assert not bench.try_order(Request.LIMIT, bench.info.drive_limit + 1), "LIMIT takes more than INFO says"
     enable(bench)
     status = bench.status()
@@ -421,9 +385,7 @@ def test_no_modulation_is_left_after(bench: Bench, way: WayOut) -> None:
 
 @pytest.mark.parametrize("way", WHILE_PLAYING, ids=str)
 @case(
-    "USB-020",
-    "STA-003",
-    "SAF-002",
+    *("USB-020", "STA-003", "SAF-002"),
     outputs=("USB-020", "SAF-004/1"),
     needs=(Need.SUSPEND,),
     allow=(Risk.RESET,),

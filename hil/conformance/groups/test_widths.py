@@ -13,9 +13,8 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
 from phasewire.hil.conformance.tools.drives import widths_for
-from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, in_time, soon
+from phasewire.hil.conformance.tools.player import in_time, soon
 from phasewire.hil.conformance.tools.steps import (
-    LONG_MS,
     MOST_ENTRY_PERIODS,
     SILENT,
     Wrong,
@@ -24,6 +23,7 @@ from phasewire.hil.conformance.tools.steps import (
     enable,
     features_of,
     forge,
+    known,
     let_stores_go,
     packed,
     refuse,
@@ -45,7 +45,7 @@ from phasewire.protocol.blocks import (
     Update,
 )
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import (
+from phasewire.protocol.codes import (PROMISED_PERIODS, 
     ENTRIES_PER_BLOCK,
     HORIZON_PERIODS,
     MODULATION_SAMPLES,
@@ -79,14 +79,7 @@ class NarrowTime(NamedTuple):
 def spans(units: dict[str, int], least: int, most: int = 2**63) -> list[NarrowTime]:
     """For each unit and width the shortest time, not below the minimum, that leaves less than 1 in that width.
 
-    It is an odd multiple, so that a signed number of one more bit is negative.
-
-    Parameters
-    ----------
-    units : dict of str to int
-        How many of each there are in one unit of the result.
-    least, most : int
-        Times longer than ``most`` are left out.
+    It is an odd multiple, so that a signed number of one more bit is negative. Times above `most` are left out.
     """
     found = []
     for name, count in units.items():
@@ -106,8 +99,7 @@ def test_a_watchdog_time_is_counted_whole(bench: Bench) -> None:
     """Watchdog times that leave almost nothing in few bits of ms, µs, ticks or cycles do not fire at once."""
     bench.must(NoOp())
     for what, ms in some(bench, spans(PER_MS, 2000, MOST_MS)):
-        bench.order(Request.WATCHDOG, LONG_MS)
-        bench.enable()
+        enable(bench)
         began = bench.must(NoOp()).now
         bench.order(Request.WATCHDOG, ms)
         bench.wait(0.005)
@@ -121,8 +113,7 @@ def test_a_watchdog_time_is_counted_whole(bench: Bench) -> None:
 def test_a_long_watchdog_time_ends(bench: Bench) -> None:
     """A watchdog time beyond 2³² core cycles fires in time: 10.7 s, and 60 s on a device that simulates time."""
     ms = MOST_MS if bench.can(Need.FREE_TIME) else 2**32 // PER_MS["core cycles"] + 1
-    bench.order(Request.WATCHDOG, ms)
-    bench.enable()
+    enable(bench, ms)
     last = bench.must(NoOp()).now
     await_firing(bench, last, last, ms)
 
@@ -185,13 +176,11 @@ def test_the_drive_of_a_stored_slot_is_kept_whole(bench: Bench, limit: int) -> N
     bench.order(Request.LIMIT, limit)
     enable(bench)
     let_stores_go(bench)
-    refuse(
-        bench,
-        [
-            Wrong(f"a slot of {total} thousandths", forge(bench, PlaySequence(slot, 1)), Reason.DRIVE)
-            for slot, total in enumerate(stored)
-        ],
-    )
+    wrong = [
+        Wrong(f"a slot of {total} thousandths", forge(bench, PlaySequence(slot, 1)), Reason.DRIVE)
+        for slot, total in enumerate(stored)
+    ]
+    refuse(bench, wrong)
 
 
 @case("SAF-006", "REQ-010", allow=(Risk.DRIVE,), features=Feature.SEQUENCES)
@@ -233,12 +222,6 @@ DURATIONS = [
 """For each the defect that it shows, the periods of its entries, and its repeats."""
 
 
-def store_entries(bench: Bench, entries: list[Entry]) -> None:
-    """Store entries from the head of the table on."""
-    for at in range(0, len(entries), ENTRIES_PER_BLOCK):
-        bench.must(Entries(tuple(entries[at : at + ENTRIES_PER_BLOCK]), at))
-
-
 @case("BLK-015", "STA-003", "BLK-022", "REQ-003", features=Feature.SEQUENCES)
 def test_the_duration_of_a_sequence_is_counted_whole(bench: Bench) -> None:
     """Sequences whose duration leaves almost nothing in few bits play on, and their data stay in use."""
@@ -246,7 +229,9 @@ def test_the_duration_of_a_sequence_is_counted_whole(bench: Bench) -> None:
     pulses = bench.weak()
     bench.must(Slot(7, pulses))
     for what, periods, repeats in some(bench, DURATIONS):
-        store_entries(bench, [Entry(7, each) for each in periods])
+        entries = [Entry(7, each) for each in periods]
+        for at in range(0, len(entries), ENTRIES_PER_BLOCK):
+            bench.must(Entries(tuple(entries[at : at + ENTRIES_PER_BLOCK]), at))
         bench.unasked.clear()
         began = bench.must(PlaySequence(0, len(periods), repeats=repeats)).commit_period
         bench.wait_until(began + AT_ONCE_PERIODS)
@@ -378,10 +363,8 @@ def test_a_sample_is_guarded_wherever_it_stands(bench: Bench) -> None:
     store_but(bench, MODULATION_SAMPLES, (), SAMPLES_PER_BLOCK, lambda first, count: Samples(b"\xff" * count, first))
     bench.must(AmplitudeModulation(0, MODULATION_SAMPLES, 1))
     let_stores_go(bench)
-    refuse(
-        bench,
-        [Wrong(f"sample {place}", forge(bench, Samples(b"\xff", place)), Reason.IN_USE) for place in LATE_SAMPLES],
-    )
+    wrong = [Wrong(f"sample {place}", forge(bench, Samples(b"\xff", place)), Reason.IN_USE) for place in LATE_SAMPLES]
+    refuse(bench, wrong)
 
 
 # Periods far ahead
@@ -397,15 +380,6 @@ CHANGES: dict[str, Callable[[int], Change]] = {
 FAR_SPANS = spans(PER_PERIOD, LONG_PERIODS, HORIZON_PERIODS - LONG_PERIODS)
 
 
-def store_what_changes_play(bench: Bench) -> None:
-    """Store the data of the changes, as far as the device supports them."""
-    stores: tuple[Body, ...] = (Slot(0, SILENT), Entries((Entry(0, 1),)), Samples(b"\xff"))
-    for body in stores:
-        if features_of(body) in bench.info.features:
-            bench.must(body)
-    let_stores_go(bench)
-
-
 @case("BLK-005", "BLK-010", "BLK-018", "TIM-002")
 @pytest.mark.parametrize("kind", CHANGES)
 def test_a_change_waits_for_its_period_however_far_it_is(bench: Bench, kind: str) -> None:
@@ -413,7 +387,9 @@ def test_a_change_waits_for_its_period_however_far_it_is(bench: Bench, kind: str
     change = CHANGES[kind]
     require(bench, features_of(change(0)))
     enable(bench)
-    store_what_changes_play(bench)
+    for body in known(bench, Slot(0, SILENT), Entries((Entry(0, 1),)), Samples(b"\xff")):
+        bench.must(body)
+    let_stores_go(bench)
     for what, ahead in some(bench, FAR_SPANS):
         bench.enable()
         playing = bench.must(Update(SILENT)).commit_period
@@ -501,8 +477,7 @@ def check_wrap(device: Bench, edge: int, unattended: bool) -> None:
     since = ends * TICKS_PER_PERIOD if unattended else last
     ms = ((edge + AROUND_SECONDS * CARRIER_HZ) * TICKS_PER_PERIOD - since) // TICKS_PER_MS
     device.order(Request.WATCHDOG, ms)
-    ended = device.await_unasked(2 * AROUND_SECONDS)
-    expect("the tick at which the sequence ends", ended.now, ends * TICKS_PER_PERIOD)
+    expect("the tick at which the sequence ends", device.await_unasked(2 * AROUND_SECONDS).now, ends * TICKS_PER_PERIOD)
     device.wait_until(edge + 1001)
     expect("since when the update plays", device.read_back().since_period, edge + 1000)
     await_firing(device, since, since, ms)

@@ -9,8 +9,6 @@ from ....protocol.board import TICK_HZ
 from ..bench import Bench
 from ..cases import Inconclusive
 
-__all__ = ["compare_clocks", "load_average", "unless_busy"]
-
 STRETCHES = 4
 CATCHES_UP = 3
 """A simulated device that lags catches up; it is never this many times as fast as the host's clock."""
@@ -22,36 +20,17 @@ def load_average() -> float | None:
 
 
 def unless_busy(bench: Bench, what: str) -> None:
-    """Continue to judge a delay, unless this computer alone may have caused it.
-
-    Raises
-    ------
-    Inconclusive
-        If the device's time is not the host's, and more programs want to run here than there are cores.
-    """
+    """Continue to judge a delay, unless this computer alone may have caused it: more programs run than it has cores."""
     load, cores = load_average(), os.cpu_count() or 1
     if bench.is_far and load is not None and load > cores:
         raise Inconclusive(f"{what}, on a computer with a load of {load:.1f} on {cores} cores: it cannot judge that")
 
 
 def compare_clocks(bench: Bench, meanwhile: Callable[[], object], tolerance: float) -> None:
-    """Fail if the device's ticks over some time do not match the host's clock.
+    """Fail if the device's ticks over some time do not match the host's clock, within a relative tolerance.
 
-    The device's clock and its reading are right if they agree at once. A wrong clock is wrong by the same share again.
-    A busy computer delays the host, or a simulated device, by another time at each attempt.
-
-    Parameters
-    ----------
-    bench : Bench
-    meanwhile : callable
-        Lets the time pass.
-    tolerance : float
-        The greatest relative difference of the two rates.
-
-    Raises
-    ------
-    Inconclusive
-        If they differ by another share each time.
+    Both clocks are right if they agree at once. A wrong clock is wrong by the same share again. A busy computer delays
+    the host, or a simulated device, by another time at each attempt: then it is inconclusive.
     """
     told: list[str] = []
     rates: list[float] = []

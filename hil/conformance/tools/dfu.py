@@ -22,8 +22,6 @@ from ....protocol.enumeration import DFU_INTERFACE, LANGUAGE
 from ....protocol.requests import DIRECTION_IN, Setup
 from ..bench import Bench
 
-__all__ = ["BUSY", "RawDfuLine", "dfu_mode"]
-
 DETACH_MS = 1000
 SPARE_MS = 10
 """Extra wait if the busy time itself is not judged: polling too early ends a download."""
@@ -34,18 +32,7 @@ GET_DESCRIPTOR = 6
 
 
 class RawDfuLine:
-    """DFU requests to a device.
-
-    Parameters
-    ----------
-    bench : Bench
-        The device, on USB.
-
-    Attributes
-    ----------
-    detached : float or None
-        The host's time when DETACH was last answered, in seconds.
-    """
+    """DFU requests to a device; `detached` is the host's time when DETACH was last answered, in seconds."""
 
     def __init__(self, bench: Bench) -> None:
         self.detached: float | None = None
@@ -112,13 +99,7 @@ class RawDfuLine:
     # Steps of more than one request
 
     def poll(self) -> DfuReply:
-        """Ask for the status while the device says that it is busy, no earlier than it allows.
-
-        Raises
-        ------
-        AssertionError
-            If the device stalls, or stays busy.
-        """
+        """Ask for the status while the device says that it is busy, no earlier than it allows; it must end."""
         for _ in range(MOST_POLLS):
             reply = self.status()
             assert reply is not None, "GETSTATUS is answered with STALL"
@@ -129,10 +110,7 @@ class RawDfuLine:
         raise AssertionError(f"the device is still busy after {MOST_POLLS} polls")
 
     def send(self, image: bytes, first: int = 0, last: int | None = None) -> DfuReply:
-        """Download the blocks of an image from one to another, not included; returns the last poll.
-
-        It stops at the first one that is refused or fails.
-        """
+        """Download blocks of an image, up to the last or the first that is refused or fails; returns the last poll."""
         blocks = [image[at : at + DFU_TRANSFER_BYTES] for at in range(0, len(image), DFU_TRANSFER_BYTES)]
         reply: DfuReply | None = None
         for number in range(first, len(blocks) if last is None else last):
@@ -167,6 +145,12 @@ class RawDfuLine:
                 f"the upload goes on after {IMAGE_MAX_BYTES} bytes, the size of the largest image"
             )
             number += 1
+
+    def own_image(self) -> bytes:
+        """Upload the image that would boot next, and go back to dfuIDLE."""
+        image = self.image()
+        self.rest()
+        return image
 
     def rest(self) -> None:
         """Reach dfuIDLE from any state in which requests are answered, or that ends by itself."""

@@ -20,8 +20,6 @@ from ..transports.serial import RawSerialLine
 from .steps import features_of
 from .watchdog import patience
 
-__all__ = ["TEST", "DoorRow", "Host", "at_the_door"]
-
 ACK_SECONDS = 10.0
 TESTED = 17
 TEST = Update(only(TESTED, width=2))
@@ -32,15 +30,7 @@ TYPED_AS = {about.request: name for name, about in reversed([*COMMANDS.items()])
 
 @dataclass(frozen=True, kw_only=True)
 class DoorRow(Row):
-    """A door of the device.
-
-    Parameters
-    ----------
-    name : str
-        The line, as `Bench.door` knows it.
-    typed : bool
-        Whether somebody types at its console instead of sending frames.
-    """
+    """A door of the device: a line by its name in `Bench.door`, which carries frames or has a console."""
 
     name: str
     typed: bool = False
@@ -50,15 +40,7 @@ class DoorRow(Row):
 
 
 class Host:
-    """Who speaks at a door: requests, and blocks as far as the door takes them.
-
-    Parameters
-    ----------
-    bench : Bench
-    line : RawLine
-    typed : bool
-        Whether it types at the line's console.
-    """
+    """Who speaks at a door, in frames or by typing: requests, and blocks as far as the door takes them."""
 
     def __init__(self, bench: Bench, line: RawLine, *, typed: bool) -> None:
         self.typed = typed

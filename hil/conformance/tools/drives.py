@@ -6,8 +6,6 @@ from functools import cache
 
 from ..bench import POWERS
 
-__all__ = ["power", "widths_for"]
-
 FULL_WIDTH, FULL_POWER = 25, 1000
 MOST_BY_SEARCH = 3001
 """Totals up to this use any widths; the rest of larger ones is full pulses."""

@@ -13,20 +13,12 @@ from types import MappingProxyType
 
 from .... import protocol
 
-__all__ = ["example"]
-
 _EXAMPLE = re.compile(r"^```hex (\S+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _ZEROS = re.compile(r"00 × (\d+)")
 
 
 def example(name: str) -> bytes:
-    """The bytes of the example of this name, such as ``USB_BOS``.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """The bytes of the example of this name, such as ``USB_BOS``; ValueError if there is none."""
     known = _examples()
     if name not in known:
         raise ValueError(f"SPEC.md has no example {name!r}; it has {', '.join(known)}")

@@ -6,31 +6,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 
-from ....protocol.blocks import NoOp, pack
+from ....protocol.blocks import NoOp, Update, pack
+from ....protocol.board import CARRIER_HZ
 from ....protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, FrameKind, Request
+from ....protocol.framing import MAX_FRAME_BYTES
 from ....protocol.replies import ANSWER_BYTES, Ack, Status, records
 from ....protocol.requests import Setup
 from ...traffic.traffic import Traffic
 from ..bench import Bench
-from ..cases import expect
+from ..cases import Inconclusive, expect
 from ..transports.serial import RawSerialLine
-from .filling import fill_queue
 from .frames import frame
+from .steps import SILENT, enable
 
-__all__ = [
-    "acks",
-    "ask",
-    "at_the_console",
-    "await_ack",
-    "damage",
-    "fill",
-    "no_op",
-    "order",
-    "put_to_wait",
-    "same_but",
-    "send",
-    "statuses",
-]
+MOST_SECONDS = 5
+"""For how long a queue may be filled."""
+FAR_TIMES = 5
+"""The factor on the time that a real device's queue is full, because the computer may be busy."""
+FAR_SECONDS = 0.03
+"""Time for a block and its acknowledgement over a line to a real device, at worst."""
 
 
 @contextmanager
@@ -106,6 +100,24 @@ def damage(bench: Bench, line: RawSerialLine, data: bytes, count: int = 1) -> No
 def no_op(bench: Bench) -> bytes:
     """The next block, which does nothing."""
     return pack(bench.numbered(NoOp()))
+
+
+def fill_queue(bench: Bench, seconds: float) -> list[Ack]:
+    """Enable the outputs, and queue as many silent updates as there is room for; returns their acknowledgements.
+
+    The queue is full for at least so many seconds before the first of them leaves it. It is inconclusive if filling
+    takes too long over this line.
+    """
+    rooms, step = bench.info.queue_blocks, 10 * max(bench.info.periods_per_update, 1)
+    carries = bench.line.transit(2 * MAX_FRAME_BYTES) if isinstance(bench.line, RawSerialLine) else 0.0
+    fills = rooms * (carries + FAR_SECONDS)
+    if fills > MOST_SECONDS:
+        raise Inconclusive(f"to fill a queue of {rooms} changes over this line may take {fills:.0f} s")
+    enable(bench)
+    first = bench.period() + round(CARRIER_HZ * (seconds * (FAR_TIMES if bench.is_far else 1) + fills))
+    acks = [bench.must(Update(SILENT, first + step * number)) for number in range(rooms)]
+    expect("the free places in the queue", acks[-1].free, 0)
+    return acks
 
 
 def fill(bench: Bench, line: RawSerialLine, seconds: float) -> list[Ack]:

@@ -6,8 +6,6 @@ import zlib
 
 from ....protocol.codes import HEADER_BYTES
 
-__all__ = ["FIELDS", "forged", "seal"]
-
 FIELDS = {
     "magic": (0, 2),
     "version": (2, 1),
@@ -36,16 +34,9 @@ def seal(block: bytes) -> bytes:
 
 
 def forged(block: bytes, payload: bytes | None = None, **fields: int) -> bytes:
-    """A block with other values in its header, little-endian, or another payload; sealed, unless its checksum is given.
+    """A block with other values in its header, little-endian, or another payload of at most 480 bytes at its beginning.
 
-    Parameters
-    ----------
-    block : bytes
-        512 bytes.
-    payload : bytes, optional
-        At most 480 bytes, which replace the beginning.
-    **fields : int
-        By their names in clause BLK-002; any value that fits its bytes.
+    It is sealed, unless its checksum is among the fields, whose names are those of clause BLK-002.
     """
     data = bytearray(block)
     for name, value in fields.items():

@@ -9,8 +9,6 @@ import zlib
 
 from ....protocol.requests import Setup
 
-__all__ = ["console_frame", "frame", "request_frame", "sealed", "stuffed", "unstuffed"]
-
 GROUP_BYTES = 254
 FULL = GROUP_BYTES + 1
 CONSOLE = 5
@@ -39,13 +37,7 @@ def _groups(piece: bytes) -> bytes:
 
 
 def unstuffed(coded: bytes) -> bytes:
-    """Undo `stuffed`.
-
-    Raises
-    ------
-    AssertionError
-        If these bytes do not encode a content.
-    """
+    """Undo `stuffed`; fails if these bytes do not encode a content."""
     content, at, goes_on = bytearray(), 0, False
     while at < len(coded):
         length = coded[at]

@@ -20,18 +20,6 @@ from ....protocol.codes import ImageReason, Target
 from ..cases import Inconclusive, NotApplicable
 from .dfu import RawDfuLine
 
-__all__ = [
-    "UNTRUSTED",
-    "Forgery",
-    "as_version",
-    "boot_record",
-    "large_image",
-    "of_many_blocks",
-    "of_whole_blocks",
-    "reseal",
-    "signed_by",
-]
-
 BLOCK = 2048
 LEAST_BLOCKS = 5
 HEADER, ENTRY, SIGNATURE = 32, 48, 64
@@ -41,8 +29,7 @@ Edit = Callable[[bytearray], None]
 
 def large_image(line: RawDfuLine) -> bytes:
     """The device's own image, if it has at least the five blocks that show sectors and pages at work."""
-    image = line.image()
-    line.rest()
+    image = line.own_image()
     if len(image) < LEAST_BLOCKS * BLOCK:
         raise Inconclusive(f"the firmware has {len(image)} bytes; this needs five blocks of 2048")
     return image
@@ -66,10 +53,7 @@ def _renamed(image: bytes, version: tuple[int, int, int]) -> bytes:
 
 
 def of_whole_blocks(image: bytes) -> bytes:
-    """The same firmware with zeros after its last segment, so that its last block is full; unsigned.
-
-    Not applicable if it is signed.
-    """
+    """The same firmware, if it is unsigned, with zeros after its last segment, so that its last block is full."""
     if image[16:24] != bytes(8):
         raise NotApplicable("the firmware is signed, so that only its maker can make it longer")
     if len(image) % BLOCK == 0:
@@ -88,10 +72,7 @@ def of_whole_blocks(image: bytes) -> bytes:
 
 
 def of_many_blocks(image: bytes, blocks: int) -> bytes:
-    """The same firmware in a segment for each processor, with zeros after each, so that it has at least so many blocks.
-
-    The first segment is as large as possible. It is unsigned; not applicable if the firmware is signed.
-    """
+    """The same firmware, if it is unsigned, in a segment for each processor, with zeros for at least so many blocks."""
     if image[16:24] != bytes(8):
         raise NotApplicable("the firmware is signed, so that only its maker can make it longer")
     found = [_segment(image, number) for number in range(image[5])]
@@ -121,19 +102,7 @@ def boot_record(image: bytes, generation: int) -> bytes:
 
 @dataclass(frozen=True)
 class Forgery:
-    """A defect of an image.
-
-    Parameters
-    ----------
-    what : str
-        A few words.
-    reason : ImageReason
-        The reason of its refusal.
-    edit : callable
-        Makes the defect.
-    sealed : bool
-        Whether the checksum of header and table is corrected afterwards.
-    """
+    """A defect of an image in a few words, and the reason of its refusal; if sealed, its checksum is right."""
 
     what: str
     reason: ImageReason

@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-from ....protocol.blocks import Entries, Entry, Samples, Slot
+from ....protocol.blocks import Samples
 from ....protocol.codes import PAYLOAD_BYTES, Feature, Request, State, StatusFlag
-from ....protocol.pulses import Pulses
 from ....protocol.replies import Status
 from ..bench import Bench
 from ..cases import expect
 from .player import is_fast
+from .steps import expect_all, store_entry
 from .watchdog import far_ahead
-
-__all__ = [
-    "APART",
-    "PLACE",
-    "SAMPLE",
-    "SETTLED",
-    "check_nothing_is_read_back",
-    "check_rest",
-    "some_time",
-    "store",
-    "store_for_plans",
-]
 
 PLACE, SAMPLE = 40, 128
 APART = 20
@@ -37,18 +25,9 @@ def some_time(bench: Bench) -> int:
     return min(4 * far_ahead(bench), MOST_PERIODS) if is_fast(bench) else 60_000
 
 
-def store(bench: Bench, periods: int, place: int = PLACE) -> Pulses:
-    """Store an entry of so many periods, and its slot."""
-    pulses = bench.weak()
-    bench.must(Slot(place % 256, pulses))
-    bench.must(Entries((Entry(place % 256, periods),), place))
-    return pulses
-
-
 def check_rest(status: Status, bench: Bench, state: State, what: str) -> None:
     """Fail unless nothing plays, modulates or is queued."""
-    expect(f"the state {what}", status.state, state)
-    expect(f"what plays since {what}", status.since_period, 0)
+    expect_all(status, f" {what}", state=state, since_period=0)
     expect(f"the flags {what}", status.flags & ~StatusFlag.WATCHDOG_FIRED, StatusFlag(0))
     expect(f"the free places {what}", status.free, bench.info.queue_blocks)
 
@@ -63,6 +42,6 @@ def check_nothing_is_read_back(bench: Bench, what: str) -> None:
 def store_for_plans(bench: Bench) -> None:
     """Store the data of the plans and of what comes after them, while the outputs are off."""
     if Feature.SEQUENCES in bench.info.features:
-        store(bench, some_time(bench) // 2)
+        store_entry(bench, some_time(bench) // 2, PLACE)
     if Feature.MODULATION in bench.info.features:
         bench.must(Samples(bytes([SAMPLE]), PLACE))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from math import ceil
 from typing import Generic, TypeVar
@@ -35,8 +35,6 @@ from ..bench import Bench
 from ..cases import TooSlow
 from ..sight.capture import Seen
 from ..sight.waveforms import Words, check_play, expected_words, modulated
-
-__all__ = ["PROMISED_PERIODS", "Player", "Score", "block_periods", "check_in_time", "in_time", "is_fast", "soon"]
 
 PATIENCE_MS = 60_000
 """The longest watchdog time (clause REQ-009)."""
@@ -108,12 +106,7 @@ def _loop(begin: int, items: Iterable[tuple[Item, int]], repeats: int = 0) -> _L
 
 
 class Score:
-    """What must play in each period.
-
-    Parameters
-    ----------
-    wiring : Wiring
-    """
+    """What must play in each period."""
 
     def __init__(self, wiring: Wiring) -> None:
         self._wiring = wiring
@@ -179,17 +172,7 @@ def _current(loops: list[_Loop[Item]], period: int) -> tuple[_Loop[Item], int]:
 
 
 class Player:
-    """An enabled device whose watchdog does not interfere.
-
-    Parameters
-    ----------
-    bench : Bench
-
-    Attributes
-    ----------
-    score : Score
-        Of all accepted blocks.
-    """
+    """An enabled device whose watchdog does not interfere, and the score of all accepted blocks."""
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
@@ -203,6 +186,12 @@ class Player:
     def soon(self, blocks: int = 1) -> int:
         """A period before which so many blocks, if sent now, have certainly arrived."""
         return soon(self.bench, blocks)
+
+    def begin(self, change: Change, blocks: int = 1) -> int:
+        """Send a change for a period before which so many blocks have certainly arrived; returns that period."""
+        period = self.soon(blocks)
+        self.send(replace(change, period=period))
+        return period
 
     def send(self, body: Body) -> Ack:
         """Send a block that must be accepted and, if it names a period far enough ahead, be in time."""
@@ -253,10 +242,7 @@ class Player:
 def check_in_time(ack: Ack, named: int) -> None:
     """Fail unless an accepted change takes effect at its named period or, without one, after its arrival.
 
-    Raises
-    ------
-    TooSlow
-        If its block arrived too late for that promise.
+    It is inconclusive if its block arrived too late for that promise.
     """
     assert ack.commit_period > ack.now_period, (
         f"a change takes effect at period {ack.commit_period}, its block had arrived in period {ack.now_period}"

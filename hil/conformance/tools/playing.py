@@ -33,24 +33,6 @@ from ..sight.waveforms import SILENCE, Words, check_play, check_silent, expected
 from .forge import forged
 from .steps import LONG_MS, require
 
-__all__ = [
-    "CLOCK_ERROR",
-    "HOT_PERIODS",
-    "PLAYS",
-    "ROUND_SECONDS",
-    "Played",
-    "check_falls_one_by_one",
-    "check_falls_silent",
-    "expect_state",
-    "heat",
-    "judge_silence_since",
-    "play",
-    "reach",
-    "silent_from",
-    "start",
-    "told",
-]
-
 SAMPLE = 128
 SLOT, PLACE = 7, 5
 CLOCK_ERROR = 0.01
@@ -65,17 +47,7 @@ ROUND_SECONDS = 0.012
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """Something that plays.
-
-    Parameters
-    ----------
-    pulses : Pulses
-        As the host sent them.
-    words : (50, 10) uint32
-        The outputs in each period.
-    period : int
-        The period at which it took effect.
-    """
+    """Something that plays: pulses as the host sent them, the outputs in each period, and the period of the first."""
 
     pulses: Pulses
     words: Words
@@ -93,10 +65,7 @@ def start(bench: Bench, what: str) -> Played:
 
 
 def reach(bench: Bench, state: State, share: float = 1.0) -> Played | None:
-    """Bring the device from OFF to a state, with a long watchdog time; returns what plays then.
-
-    What plays has a share of the allowed drive.
-    """
+    """Bring the device from OFF to a state, with a long watchdog time; returns what plays, by a share of the drive."""
     bench.must(NoOp())
     bench.order(Request.WATCHDOG, LONG_MS)
     if state is not State.OFF:
@@ -182,21 +151,8 @@ def silent_from(seen: Seen) -> int:
 def check_falls_silent(seen: Seen, words: Words, first_tick: int, last_tick: int) -> None:
     """Fail unless all outputs fall silent at one boundary, after an event at one of some ticks (clause SAF-004).
 
-    They must play in every period before, and be low in every one after.
-
-    Parameters
-    ----------
-    seen : Seen
-        From a period at which they play.
-    words : (50, 10) uint32
-        What they play.
-    first_tick, last_tick : int
-        The earliest and the latest tick of the event.
-
-    Raises
-    ------
-    Inconclusive
-        If none of the observed outputs plays.
+    They must play these words in every period before, and be low in every one after. It is inconclusive if none of the
+    observed outputs plays.
     """
     if not (words & seen.observed).any():
         raise Inconclusive("none of the observed outputs was driven")
@@ -215,16 +171,9 @@ def _silent_since(first_period: int, loud: NDArray[np.bool_]) -> int | None:
 
 
 def check_falls_one_by_one(seen: Seen, words: Words, earliest: Sequence[int], latest: Sequence[int]) -> None:
-    """Fail unless the outputs of each processor fall silent at a boundary, which may differ from that of the others.
+    """Fail unless the outputs of each processor fall silent at a boundary of its own.
 
-    Parameters
-    ----------
-    seen : Seen
-        From a period at which they play.
-    words : (50, 10) uint32
-        What they play in every period before.
-    earliest, latest : sequence of int
-        The first period in which each of the ten may be silent, and the first in which it must be.
+    Before they must play these words. Each of the ten may be silent from its earliest period on, must from its latest.
     """
     loud = np.asarray((seen.words & seen.observed).reshape(-1, TICKS_PER_PERIOD, PROCESSORS).any(axis=1))
     since = [_silent_since(seen.first_period, loud[:, place]) for place in range(PROCESSORS)]

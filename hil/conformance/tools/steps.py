@@ -17,6 +17,7 @@ from ....protocol.blocks import (
     Body,
     Clock,
     Entries,
+    Entry,
     NoOp,
     Output,
     PlaySequence,
@@ -25,7 +26,18 @@ from ....protocol.blocks import (
     pack,
 )
 from ....protocol.board import CHANNELS, TICKS_PER_PERIOD
-from ....protocol.codes import BLOCK_BYTES, RECORD_BYTES, SYNC_PERIODS, AckFlag, Action, Feature, Reason, Request, State
+from ....protocol.codes import (
+    BLOCK_BYTES,
+    RECORD_BYTES,
+    SLOTS,
+    SYNC_PERIODS,
+    AckFlag,
+    Action,
+    Feature,
+    Reason,
+    Request,
+    State,
+)
 from ....protocol.pulses import Pulses
 from ....protocol.replies import Status
 from ...traffic.traffic import Traffic
@@ -33,36 +45,6 @@ from ..bench import TRIED_SECONDS, Bench
 from ..cases import Inconclusive, NotApplicable, expect
 from .forge import forged
 from .player import soon
-
-__all__ = [
-    "FAR_PERIODS",
-    "LONG_MS",
-    "MOST_ENTRY_PERIODS",
-    "SILENT",
-    "Wrong",
-    "await_state",
-    "begin",
-    "check_refused",
-    "check_same",
-    "check_sync",
-    "cut",
-    "enable",
-    "far",
-    "features_of",
-    "forge",
-    "heavy",
-    "late_phase",
-    "later",
-    "let_stores_go",
-    "packed",
-    "raw_records",
-    "refuse",
-    "require",
-    "set_limit",
-    "some",
-    "suspended",
-    "vectors",
-]
 
 Item = TypeVar("Item")
 
@@ -96,13 +78,7 @@ class Wrong(NamedTuple):
 
 
 def require(bench: Bench, features: Feature) -> None:
-    """Continue only if the device has some features.
-
-    Raises
-    ------
-    NotApplicable
-        If it lacks one.
-    """
+    """Continue only if the device has some features; otherwise not applicable."""
     if missing := features & ~bench.info.features:
         raise NotApplicable(f"INFO does not name the feature {missing.name}")
 
@@ -119,9 +95,14 @@ def features_of(body: Body) -> Feature:
     return Feature(0)
 
 
-def enable(bench: Bench) -> None:
-    """Enable the outputs, with a long watchdog time."""
-    bench.order(Request.WATCHDOG, LONG_MS)
+def known(bench: Bench, *bodies: Body) -> list[Body]:
+    """Those blocks for which the device has the features."""
+    return [body for body in bodies if features_of(body) in bench.info.features]
+
+
+def enable(bench: Bench, ms: int = LONG_MS) -> None:
+    """Enable the outputs, with a watchdog time, a long one by default."""
+    bench.order(Request.WATCHDOG, ms)
     bench.enable()
 
 
@@ -129,6 +110,26 @@ def begin(bench: Bench) -> None:
     """Enable the outputs, with a long watchdog time, and restart the numbering."""
     enable(bench)
     bench.must(NoOp())
+
+
+IN_WORDS = {
+    "accepted": "the count of accepted blocks",
+    "dropped_frames": "the count of damaged frames",
+    "free": "the free places",
+    "late": "the count of late changes",
+    "lost": "the count of lost blocks",
+    "refused": "the count of refused blocks",
+    "sequence": "the number",
+    "since_period": "what plays since",
+    "watchdog_ms": "the watchdog's time",
+}
+"""Fields of records as a failure names them, if their own names do not say it."""
+
+
+def expect_all(record: object, when: str = "", /, **wanted: object) -> None:
+    """Fail unless a record has these values; a text tells of which moment."""
+    for name, value in wanted.items():
+        expect(f"{IN_WORDS.get(name) or f'the {name}'.replace('_', ' ')}{when}", getattr(record, name), value)
 
 
 def await_state(bench: Bench, state: State) -> None:
@@ -153,9 +154,7 @@ def suspended(bench: Bench) -> Iterator[None]:
 def check_refused(bench: Bench, body: Body, reason: Reason) -> None:
     """Send a block that must be refused, and check the reason and the count."""
     before = bench.status()
-    ack = bench.send(body)
-    expect(f"the reason for {body.KIND.name}", ack.reason, reason)
-    expect("the commit period", ack.commit_period, 0)
+    expect_all(bench.send(body), f" for {body.KIND.name}", reason=reason, commit_period=0)
     after = bench.status()
     expect("the count of refused blocks", after.refused - before.refused, 1)
     expect("the last refusal", after.last_refusal, reason)
@@ -181,10 +180,7 @@ def later(bench: Bench) -> int:
 def some(
     bench: Bench, items: Iterable[Item], least: int = FEW, blocks: float = 1, seconds: float = TRIED_SECONDS
 ) -> list[Item]:
-    """All of them, or those for which the line has the time (`Bench.tries`), in their order.
-
-    The first and the last are always among them: items go from one extreme to the other. The rest is drawn.
-    """
+    """All of them, or those for which the line has the time (`Bench.tries`): the first, the last, and some drawn."""
     every = list(items)
     made = bench.tries(len(every), least, blocks, seconds)
     if made == len(every):
@@ -214,8 +210,7 @@ def refuse(bench: Bench, blocks: Sequence[Wrong]) -> None:
         expect(f"state for {what}", ack.state, before.state)
         assert time <= ack.now <= after.now, f"now for {what} is {ack.now}, should be from {time} to {after.now}"
         time = ack.now
-    expect("the count of refused blocks", after.refused, (before.refused + len(blocks)) % 2**32)
-    expect("the last refusal in STATUS", after.last_refusal, blocks[-1].reason)
+    expect_all(after, " in STATUS", refused=(before.refused + len(blocks)) % 2**32, last_refusal=blocks[-1].reason)
     check_same(before, after)
 
 
@@ -242,17 +237,23 @@ def check_sync(bench: Bench) -> None:
     assert reading.sync_pulses >= least, f"sync_pulses is {reading.sync_pulses}, should be at least {least}"
 
 
-def let_stores_go(bench: Bench) -> Status:
-    """Wait until stores that wait to go onto the chain no longer count as a full queue (clause BLK-024).
+def store_entry(bench: Bench, periods: int, place: int = 0, pulses: Pulses | None = None) -> Pulses:
+    """Store an entry of so many periods, and its slot with pulses, weak ones by default; returns them."""
+    pulses = bench.weak() if pulses is None else pulses
+    bench.must(Slot(place % SLOTS, pulses))
+    bench.must(Entries((Entry(place % SLOTS, periods),), place))
+    return pulses
 
-    Nothing else may be queued.
-    """
+
+def let_stores_go(bench: Bench, queued: int = 0) -> Status:
+    """Wait until stores that wait for the chain do not count as a full queue (BLK-024), with so many changes queued."""
+    places = bench.info.queue_blocks - queued
     for _ in range(100):
         status = bench.status()
-        if status.free == bench.info.queue_blocks:
+        if status.free == places:
             return status
         bench.outlast(0.005)
-    raise AssertionError(f"free is {status.free} half a second after the last store, should be all places again")
+    raise AssertionError(f"free is {status.free} half a second after the last store, should be {places} again")
 
 
 def heavy(transducers: int) -> Pulses:
@@ -275,10 +276,7 @@ def late_phase(pulses: Pulses) -> bytes:
 
 
 def raw_records(bench: Bench, blocks: Sequence[bytes], seconds: float = 10.0) -> list[bytes]:
-    """Send blocks, at most as many as the device can hold records; returns the answers, cut at the magic.
-
-    Waits until there is one record for each block.
-    """
+    """Send blocks, at most as many as the device can hold records; returns one answer for each, cut at the magic."""
     bench.note_blocks(blocks)
     found = b""
     data, sent = b"".join(blocks), 0

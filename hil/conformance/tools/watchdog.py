@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from ....protocol.board import TICK_HZ, TICKS_PER_PERIOD
-from ....protocol.codes import State
+from ....protocol.codes import Request, State
 from ....protocol.replies import Status
 from ..bench import Bench
 from ..cases import TooSlow, expect
 from ..transports.line import RawLine
-
-__all__ = ["PERIODS_PER_MS", "TICKS_PER_MS", "await_firing", "check_fired", "check_not_yet", "far_ahead", "patience"]
+from .steps import LONG_MS
 
 TICKS_PER_MS = TICK_HZ // 1000
+SHORT_MS = 10
+"""The shortest watchdog time (clause REQ-009)."""
 PERIODS_PER_MS = TICKS_PER_MS // TICKS_PER_PERIOD
 
 
@@ -23,6 +24,13 @@ def patience(bench: Bench, line: RawLine | None = None) -> int:
 def far_ahead(bench: Bench) -> int:
     """Periods within which some blocks arrive on this line, and the queue can be examined."""
     return bench.slowness * (2_000 if bench.line.kind == "usb" else 40_000)
+
+
+def let_watchdog_fire(bench: Bench) -> None:
+    """Give no sign of life for longer than the shortest watchdog time."""
+    bench.order(Request.WATCHDOG, SHORT_MS)
+    bench.outlast(3 * SHORT_MS / 1000)
+    bench.order(Request.WATCHDOG, LONG_MS)
 
 
 def check_fired(told: Status, first_sign: int, last_sign: int, ms: int) -> None:
