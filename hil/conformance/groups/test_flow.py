@@ -35,9 +35,10 @@ from phasewire.protocol.blocks import (
     Update,
     pack,
 )
-from phasewire.protocol.codes import (PROMISED_PERIODS, 
+from phasewire.protocol.codes import (
     BLOCK_BYTES,
     ENTRIES_PER_BLOCK,
+    PROMISED_PERIODS,
     SAMPLES_PER_BLOCK,
     SILENT_PERIODS,
     Action,

@@ -25,8 +25,9 @@ from phasewire.protocol.blocks import (
     Update,
 )
 from phasewire.protocol.board import TICKS_PER_PERIOD
-from phasewire.protocol.codes import (PROMISED_PERIODS, 
+from phasewire.protocol.codes import (
     MODULATION_SAMPLES,
+    PROMISED_PERIODS,
     SAMPLES_PER_BLOCK,
     SILENT_PERIODS,
     Action,

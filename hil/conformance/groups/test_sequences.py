@@ -13,8 +13,9 @@ from phasewire.hil.conformance.tools.player import Player, in_time, is_fast
 from phasewire.hil.conformance.tools.steps import check_refused, expect_all, require
 from phasewire.protocol.blocks import Change, Entries, Entry, NoOp, Output, PlaySequence, Slot, Update
 from phasewire.protocol.board import CHANNELS
-from phasewire.protocol.codes import (PROMISED_PERIODS, 
+from phasewire.protocol.codes import (
     ENTRIES_PER_BLOCK,
+    PROMISED_PERIODS,
     SEQUENCE_ENTRIES,
     SILENT_PERIODS,
     SLOTS,

@@ -38,7 +38,16 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import TICKS_PER_PERIOD
-from phasewire.protocol.codes import PROMISED_PERIODS, SILENT_PERIODS, Action, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.codes import (
+    PROMISED_PERIODS,
+    SILENT_PERIODS,
+    Action,
+    Feature,
+    Reason,
+    Request,
+    State,
+    StatusFlag,
+)
 from phasewire.protocol.replies import Status
 
 UNATTENDED = Feature.SEQUENCES | Feature.UNATTENDED

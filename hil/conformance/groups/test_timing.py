@@ -27,7 +27,7 @@ from phasewire.protocol.blocks import (
     Update,
 )
 from phasewire.protocol.board import CARRIER_HZ, TICK_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import PROMISED_PERIODS, NOW, SYNC_PERIODS, Action, Fault, Feature, Reason, Request, State
+from phasewire.protocol.codes import NOW, PROMISED_PERIODS, SYNC_PERIODS, Action, Fault, Feature, Reason, Request, State
 from phasewire.protocol.replies import Ack
 
 COUNTER_TICKS = 65_536

@@ -45,10 +45,11 @@ from phasewire.protocol.blocks import (
     Update,
 )
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import (PROMISED_PERIODS, 
+from phasewire.protocol.codes import (
     ENTRIES_PER_BLOCK,
     HORIZON_PERIODS,
     MODULATION_SAMPLES,
+    PROMISED_PERIODS,
     SAMPLES_PER_BLOCK,
     SEQUENCE_ENTRIES,
     Action,
