@@ -144,9 +144,7 @@ def run_conformance(
     """
     began, started, load = datetime.now(UTC), perf_counter(), load_average()
     with open_bench(options) as bench:
-        judge = Judge(
-            bench, options.profile, options.known, options.only, options.enough, watcher or Watcher(), options.again
-        )
+        judge = Judge(bench, options, watcher or Watcher())
         try:
             _pytest(judge)
             if judge.interruption is None and judge.awaits_recording and bench.observer is not None:
@@ -184,7 +182,7 @@ def _signal(interruption: BaseException) -> int:
     raise interruption
 
 
-def _pytest(plugin: Catalogue | Judge, *arguments: str) -> None:
+def _pytest(plugin: Catalogue, *arguments: str) -> None:
     """Let pytest run the cases with one plugin, and without any configuration of the surroundings."""
     plain = ["--assert=plain"]  # cases describe errors in words
     quiet = ["-p", "no:terminal", "-p", "no:cacheprovider", "-p", "no:faulthandler", "-p", "no:logging", "--capture=no"]
