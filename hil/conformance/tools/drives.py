@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from ..bench import POWERS
+from ..dialogue import POWERS
 
 __all__ = ["power", "widths_for"]
 

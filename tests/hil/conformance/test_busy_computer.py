@@ -11,8 +11,9 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from phasewire.hil.conformance.bench import MOST_SLOWNESS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive
+from phasewire.hil.conformance.pacing import MOST_SLOWNESS
 from phasewire.hil.conformance.running import RunOptions, open_bench, run_conformance
 from phasewire.hil.conformance.tools.clocks import compare_clocks, unless_busy
 from phasewire.hil.conformance.tools.steps import SILENT, enable
