@@ -233,13 +233,7 @@ class Bench(Dialogue):
     # Cases
 
     def begin_case(self, name: str) -> None:
-        """Bring the device to the state in which every case begins.
-
-        Raises
-        ------
-        Lost
-            If no allowed action can do so.
-        """
+        """Bring the device to the state in which every case begins; raises `Lost` if no allowed action can do so."""
         self.forget()
         self._marks = []
         if self._serial is not self.line:

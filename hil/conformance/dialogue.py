@@ -236,11 +236,8 @@ class Dialogue(Pacing):
     def must(self, body: Body, *, restart: bool = False, number: int | None = None) -> Ack:
         """Send a block that must be accepted, numbered as by `numbered`.
 
-        Raises
-        ------
-        TooSlow
-            If it is a change for a period that was far ahead when the case began to send it, but over when it arrived:
-            the computer or the line was too slow.
+        Raises `TooSlow` if it is a change for a period that was far ahead when the case began to send it, but over when
+        it arrived: the computer or the line was too slow.
         """
         known = self._known_tick // TICKS_PER_PERIOD
         ack = self.send(body, restart=restart, number=number)

@@ -263,10 +263,7 @@ class _Command:
     def switch(self, *, on: bool) -> str:
         """Run it; returns its command line and its output.
 
-        Raises
-        ------
-        BenchError
-            If it cannot be run, does not end, or ends with another code than 0; it tells its output.
+        Raises `BenchError` if it cannot be run, does not end, or ends with another code than 0; it tells its output.
         """
         line = _SWITCHED.sub(lambda found: (found[1] if on else found[2]) or ("on" if on else "off"), self._template)
         try:

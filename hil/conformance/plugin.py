@@ -35,18 +35,12 @@ CLOCK_CLAUSE = "TIM-002"
 
 @dataclass(frozen=True)
 class CatalogueCase:
-    """A case in the catalogue, or the part of one that only the outputs show.
-
-    Parameters
-    ----------
-    identifier : str
-        ``group/name[parameter]``; for that part ``group/name#outputs[parameter]``.
-    about : Case
-        Its declaration.
-    """
+    """A case in the catalogue, or the part of one that only the outputs show."""
 
     identifier: str
+    """``group/name[parameter]``; for that part ``group/name#outputs[parameter]``."""
     about: Case
+    """Its declaration."""
 
     @property
     def claim(self) -> Claim:

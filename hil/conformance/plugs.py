@@ -51,13 +51,7 @@ def opener(group: str, own: Mapping[str, Callable[..., Any]], text: str) -> tupl
 
 
 def named_emulator(serial: str) -> Emulator:
-    """The emulated device of this process with a serial number.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """The emulated device of this process with a serial number; raises `ValueError` if there is none."""
     emulator = open_emulator(serial)
     if emulator is None:
         raise ValueError(f"emulator:{serial} goes with a device that is emulated in this process alone")

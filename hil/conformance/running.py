@@ -108,13 +108,7 @@ class RunOptions:
 
 
 def catalogue() -> list[CatalogueCase]:
-    """All cases, in their order.
-
-    Raises
-    ------
-    RuntimeError
-        If one cannot be collected.
-    """
+    """All cases, in their order; raises `RuntimeError` if one cannot be collected."""
     found = Catalogue()
     _pytest(found, "--collect-only")
     if found.trouble:

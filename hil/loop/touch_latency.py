@@ -64,21 +64,14 @@ class LatencyStage(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TouchLatency:
-    """The path from hands to the outputs.
-
-    Parameters
-    ----------
-    host : (k, 4) float
-        Seconds of each of `STAGES`, for each of k poses.
-    device : tuple of Span
-        The busy spans of the device for the last pose, with 0 when the bus began to carry its block.
-    points : int
-        Control points of the last pose.
-    """
+    """The path from hands to the outputs."""
 
     host: NDArray[np.float64]
+    """(k, 4) float; seconds of each of `STAGES`, for each of k poses."""
     device: tuple[Span, ...]
+    """The busy spans of the device for the last pose, with 0 when the bus began to carry its block."""
     points: int
+    """Control points of the last pose."""
 
     @property
     def first_tick(self) -> float:

@@ -116,13 +116,7 @@ class Learners(NamedTuple):
 
 
 def learners() -> Learners:
-    """A judge, and its training.
-
-    Raises
-    ------
-    MissingExtraError
-        If scikit-learn is not installed.
-    """
+    """A judge, and its training; raises `MissingExtraError` if scikit-learn is not installed."""
     with needing("study", "the judge of a study"):
         from sklearn.ensemble import RandomForestClassifier
         from sklearn.model_selection import GroupKFold

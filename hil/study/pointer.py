@@ -66,16 +66,11 @@ steps within each window of time."""
 
 @dataclass(frozen=True, eq=False)
 class Pointer:
-    """Answers to both ways.
-
-    Parameters
-    ----------
-    outline, pointer : Confusion
-        Answers to flat shapes as a static outline, and as a moving pointer.
-    """
+    """Answers to both ways."""
 
     outline: Confusion
     pointer: Confusion
+    """Answers to flat shapes as a static outline, and as a moving pointer."""
 
     @property
     def better(self) -> float:

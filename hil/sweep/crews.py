@@ -76,10 +76,7 @@ class Crew(Protocol):
     def measured(self, tasks: Sequence[Task]) -> Iterator[tuple[int, RowResult]]:
         """Rows and their results, as they end.
 
-        Raises
-        ------
-        ClusterError
-            If workers are lost, and others cannot do their rows.
+        Raises `ClusterError` if workers are lost, and others cannot do their rows.
         """
         ...
 

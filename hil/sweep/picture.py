@@ -84,10 +84,7 @@ def drawn_fields(columns: Mapping[str, Sequence[object]]) -> dict[str, list[str]
 def draw_sweep(results: Results, headline: str) -> Figure:
     """Draw the median over all rows with the same value of a field, and where eight tenths of them lie.
 
-    Raises
-    ------
-    ValueError
-        As `drawn_fields`.
+    Raises `ValueError` as `drawn_fields`.
     """
     rows = np.flatnonzero([problem is None for problem in results.columns[PROBLEM]])
     swept = drawn_fields(results.columns)

@@ -42,12 +42,7 @@ HEAD_BYTES = 4096
 def open_recording(source: FilePath) -> Iterator[BinaryIO]:
     """Open a file, or standard input for ``-``, so that it can be read twice.
 
-    Raises
-    ------
-    InputFileError
-        If standard input is closed.
-    OSError
-        If it cannot be opened.
+    Raises `InputFileError` if standard input is closed, and `OSError` if it cannot be opened.
     """
     if source == "-":
         with _seekable(standard_input().buffer) as stream:

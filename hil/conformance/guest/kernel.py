@@ -58,18 +58,12 @@ MADE = ("linux-image-*", "linux-image-*/initramfs*", "numba/*")
 
 @dataclass(frozen=True)
 class GuestKernel:
-    """A kernel that can be started.
-
-    Parameters
-    ----------
-    folder : Path
-        Holds ``vmlinux``, ``lib/modules`` and what `initramfs` names.
-    release : str
-        As ``uname -r`` prints it.
-    """
+    """A kernel that can be started."""
 
     folder: Path
+    """Holds ``vmlinux``, ``lib/modules`` and what `initramfs` names."""
     release: str
+    """As ``uname -r`` prints it."""
 
     @property
     def image(self) -> Path:
@@ -141,13 +135,7 @@ def _prune(folder: Path) -> None:
 
 
 def unpack(image: bytes) -> bytes:
-    """The kernel inside a bzImage.
-
-    Raises
-    ------
-    OSError
-        If it is compressed by neither xz nor zstd, which Debian uses.
-    """
+    """The kernel inside a bzImage; raises `OSError` if it is compressed by neither xz nor zstd, which Debian uses."""
     setup = (image[SETUP_SECTORS] or 4) + 1
     offset, length = struct.unpack_from("<II", image, PAYLOAD)
     begin = setup * SECTOR_BYTES + offset

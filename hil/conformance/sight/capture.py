@@ -44,16 +44,6 @@ class SeenPulses(NamedTuple):
 class Seen:
     """The outputs over an interval of whole periods.
 
-    Parameters
-    ----------
-    first_period, last_period : int
-        Periods of the device; the last is not included.
-    words : (50 · periods, 10) uint32
-        The port words of each tick, one column per processor in the order of the chain; bit b is output b of its port,
-        0 if it was not observed.
-    observed : (10,) uint32
-        Which outputs were observed, as bits of their processors' words.
-
     Raises
     ------
     ValueError
@@ -62,8 +52,12 @@ class Seen:
 
     first_period: int
     last_period: int
+    """Periods of the device; the last is not included."""
     words: NDArray[np.uint32]
+    """(50 · periods, 10) uint32; the port words of each tick, one column per processor in the order of the chain; bit b
+    is output b of its port, 0 if it was not observed."""
     observed: NDArray[np.uint32]
+    """(10,) uint32; which outputs were observed, as bits of their processors' words."""
 
     def __post_init__(self) -> None:
         """Check the shapes, and make the arrays read-only."""
@@ -150,12 +144,7 @@ class Observer:
     def seen(self, first_period: int, last_period: int) -> Seen:
         """The outputs over some periods of the device, the last not included.
 
-        Raises
-        ------
-        Unseen
-            If they were not recorded.
-        ValueError
-            If these are no periods.
+        Raises `Unseen` if they were not recorded, and `ValueError` if these are no periods.
         """
         raise NotImplementedError
 

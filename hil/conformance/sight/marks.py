@@ -45,13 +45,6 @@ LONGEST_STRETCH_TICKS = 10 * TICK_HZ
 class Mark:
     """A mark as it was played.
 
-    Parameters
-    ----------
-    changes : tuple of (period, on)
-        The periods from which all outputs play `MARK_PULSES`, or are silent: in turn, at least 2 periods apart. Before
-        the first, which is on, all is silent for at least 2 periods; the last is off, and silence follows for 2
-        periods.
-
     Raises
     ------
     ValueError
@@ -59,6 +52,8 @@ class Mark:
     """
 
     changes: tuple[tuple[int, bool], ...]
+    """The periods from which all outputs play `MARK_PULSES`, or are silent: in turn, at least 2 periods apart. Before
+    the first, which is on, all is silent for at least 2 periods; the last is off, and silence follows for 2 periods."""
 
     def __post_init__(self) -> None:
         """Check the order."""
@@ -139,15 +134,10 @@ def find_mark(mark: Mark, silences: NDArray[np.int64], samples_per_tick: float) 
 
 @dataclass(frozen=True)
 class TimeBase:
-    """The time of a recording from one mark to another: straight lines between the middles of all marks on the way.
-
-    Parameters
-    ----------
-    anchors : sequence of Anchor
-        At least two, in the order of time.
-    """
+    """The time of a recording from one mark to another: straight lines between the middles of all marks on the way."""
 
     anchors: Sequence[Anchor]
+    """At least two, in the order of time."""
 
     def covers(self, first_period: int, last_period: int) -> bool:
         """Whether some periods lie within it, the last not included."""

@@ -67,12 +67,7 @@ class SampleRecording(Protocol):
     def pieces(self, first: int, end: int) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         """Samples, piece by piece: the number of the first, and (n, unit) bytes.
 
-        Raises
-        ------
-        InputFileError
-            If the recording is damaged.
-        OSError
-            If it cannot be read.
+        Raises `InputFileError` if the recording is damaged, and `OSError` if it cannot be read.
         """
 
 
@@ -247,14 +242,9 @@ class RecordedObserver(Observer):
     def seen(self, first_period: int, last_period: int) -> Seen:
         """The outputs over some periods, at the middle of each tick; see `Observer`.
 
-        Raises
-        ------
-        Unseen
-            If they do not lie between two marks that are in the file and less than 10 s apart, or do so twice.
-        InputFileError
-            If the file is damaged, of another kind, or of another run.
-        OSError
-            If it cannot be read.
+        Raises `Unseen` if they do not lie between two marks that are in the file and less than 10 s apart, or do so
+        twice, `InputFileError` if the file is damaged, of another kind, or of another run, and `OSError` if it cannot
+        be read.
         """
         check_stretch(first_period, last_period)
         file, wired = self._recording.file, self._recording.wired
