@@ -29,7 +29,7 @@ from ...solver import Circle, Polygon, Solver, TransducerArray
 from ...solver.rendering.outline import Outline
 from ..sound.emission import emitted_waves
 from .judging import Confusion, answered, judged
-from .sensing import EVERY, HAND_ERROR, SPACING, WINDOW_SECONDS, blurred, cells_of, noticed, over_time
+from .noticing import EVERY, HAND_ERROR, SPACING, WINDOW_SECONDS, blurred, cells_of, noticed, over_time
 
 __all__ = [
     "FLAT_SHAPES",

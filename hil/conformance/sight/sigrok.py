@@ -70,8 +70,8 @@ class SessionFile:
     def open(cls, path: FilePath) -> SessionFile:
         """Read a file's metadata, and none of its samples.
 
-        Raises `InputFileError` if it is no session file with logic samples, or a damaged one, and `OSError` if it cannot
-        be read.
+        Raises `InputFileError` if it is no session file with logic samples or a damaged one, and `OSError` if it
+        cannot be read.
         """
         path = Path(path)
         try:

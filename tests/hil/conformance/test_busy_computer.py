@@ -75,7 +75,7 @@ def test_a_case_has_more_time_on_a_slow_line(monkeypatch: pytest.MonkeyPatch, se
 
     monkeypatch.setattr(Bench, "is_far", True)
     monkeypatch.setattr(RawUsbLine, "send_blocks", send_late)
-    run = run_conformance(RunOptions("emulator:", only=("flow/a-place-is-free-again",)))
+    run = run_conformance(RunOptions("emulator:", only=("flow/a-place-is-free-again",), groups=("flow",)))
     assert [result.verdict for result in run.results] == [verdict], run.results
 
 
