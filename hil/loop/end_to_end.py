@@ -6,6 +6,7 @@ bits, and the best possible pulse from trying every pulse in the closed form (2/
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -27,7 +28,7 @@ from ...protocol.replies import Ack
 from ...protocol.wiring import Wiring
 from ...solver import PlaneField, Solution, TransducerArray, pressure, sample_plane, transfer_matrix
 
-__all__ = ["Check", "EndToEnd", "emission", "emission_checks", "nearest_emission", "run_end_to_end"]
+__all__ = ["Check", "CheckedRun", "EndToEnd", "emission", "emission_checks", "nearest_emission", "run_end_to_end"]
 
 PERIODS_WATCHED = 4
 NUMERICAL = 1e-9  # of full drive: double precision over the whole path loses less than a millionth of this bound
@@ -48,8 +49,21 @@ class Check:
         return self.value <= self.limit
 
 
+class CheckedRun(ABC):
+    """What was intended, what was played, and the difference."""
+
+    @abstractmethod
+    def checks(self) -> list[Check]:
+        """All requirements; the verdict is good if all are met."""
+
+    @property
+    def passed(self) -> bool:
+        """The verdict."""
+        return all(check.passed for check in self.checks())
+
+
 @dataclass(frozen=True, eq=False)
-class EndToEnd:
+class EndToEnd(CheckedRun):
     """What was intended, what was played, and the difference.
 
     Parameters
@@ -131,11 +145,6 @@ class EndToEnd:
             Check("outputs high before that tick", int(np.bitwise_count(before).sum()), 0, "bits"),
             *emission_checks(self.solution, self.rebuilt, self.nearest),
         ]
-
-    @property
-    def passed(self) -> bool:
-        """The verdict."""
-        return all(check.passed for check in self.checks())
 
     def record(self) -> dict[str, Any]:
         """Everything as numbers, for JSON."""

@@ -21,13 +21,13 @@ from ...protocol.board import CARRIER_HZ, PROCESSORS, TICKS_PER_PERIOD
 from ...protocol.pulses import Pulses
 from ...protocol.replies import Ack
 from ...solver import Modulation, TransducerArray, TwoSided, intensity_component, pressure, transfer_matrix
-from .end_to_end import NUMERICAL, Check, emission, nearest_emission
+from .end_to_end import NUMERICAL, Check, CheckedRun, emission, nearest_emission
 
 __all__ = ["TouchRun", "as_emitted", "run_touch"]
 
 
 @dataclass(frozen=True, eq=False)
-class TouchRun:
+class TouchRun(CheckedRun):
     """What was intended, what was played, and the difference.
 
     Parameters
@@ -124,11 +124,6 @@ class TouchRun:
                 "% of strongest",
             ),
         ]
-
-    @property
-    def passed(self) -> bool:
-        """The verdict."""
-        return all(check.passed for check in self.checks())
 
 
 def run_touch(intended: TwoSided, emulator: Emulator) -> TouchRun:
