@@ -261,16 +261,9 @@ class Bench(Dialogue):
         self._settle()
 
     def tries(self, of: int, least: int, blocks: float = 1, seconds: float = TRIED_SECONDS) -> int:
-        """How many of so many tries a case makes: all, or those for which this line has the time.
+        """How many of so many tries a case makes: all, or those for which this line has the time, but the least on any.
 
-        Parameters
-        ----------
-        of, least : int
-            All, and how many are made on any line.
-        blocks : float
-            How many blocks, or what takes as long, a try needs.
-        seconds : float
-            The time for all tries of the case.
+        A try takes as long as so many blocks. All tries of a case together have so many seconds.
         """
         each = blocks * self.block_seconds
         fit = of if each * of <= (left := seconds - self._tried_seconds) else int(max(left, 0) / each)

@@ -103,22 +103,9 @@ def requirements() -> Mapping[str, Requirement]:
 
 
 def resolve(name: str) -> Clause | Requirement:
-    """The clause or requirement of a name.
+    """The requirement of a name such as ``BLK-005/2``, or else the clause, which has several requirements or none.
 
-    Parameters
-    ----------
-    name : str
-        ``BLK-003`` or ``BLK-005/2``.
-
-    Returns
-    -------
-    Clause or Requirement
-        The requirement of this name, or else the clause, which has several requirements or none.
-
-    Raises
-    ------
-    ValueError
-        If there is no such clause, or no such requirement in it.
+    Raises `ValueError` if there is no such clause, or no such requirement in it.
     """
     found = requirements().get(name) or clauses().get(name)
     if found is None:

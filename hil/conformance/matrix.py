@@ -87,18 +87,10 @@ class Matrix:
 
     @classmethod
     def of(cls, claims: Iterable[Claim], reasons: Mapping[str, str] = REASONS) -> Matrix:
-        """The matrix of some cases.
+        """The matrix of some cases, with reasons for the requirements that no case can show.
 
-        Parameters
-        ----------
-        claims : iterable of Claim
-        reasons : mapping of str to str
-            Requirements that no case can show, and why.
-
-        Raises
-        ------
-        ValueError
-            If a case names what SPEC.md does not have, or a reason is given for something that is no requirement.
+        Raises `ValueError` if a case names what SPEC.md does not have, or a reason is given for something that is no
+        requirement.
         """
         claims = tuple(claims)
         cases: dict[str, list[str]] = defaultdict(list)

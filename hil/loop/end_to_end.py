@@ -170,14 +170,8 @@ def emission_checks(
 ) -> list[Check]:
     """The requirements on what was emitted, and on what arrives.
 
-    Parameters
-    ----------
-    solution : Solution
-        The intended drive and its control points.
-    rebuilt, nearest : (n,) complex
-        The drive as emitted, and as quantisation alone explains it.
-    built : TransducerArray, optional
-        Where the transducers really are; by default where the solution has them.
+    They compare the intended drive with the drive as emitted and with what quantisation alone explains, both (n,)
+    complex; `built` is where the transducers really are, if it is not where the solution has them.
     """
     intended = solution.drive
     explained = np.abs(nearest - intended)

@@ -114,21 +114,8 @@ def measure_touch_latency(
 ) -> TouchLatency:
     """Move hands that touch objects a little, and follow each pose to the outputs of a fresh emulated device.
 
-    Parameters
-    ----------
-    hands, objects : sequence of Hand, of Mesh
-        The hands and the objects that they touch.
-    toucher : Toucher
-        Finds the points; its state of earlier frames is reset.
-    method : str
-        The solving method.
-    poses : int
-        The number of measured poses, at least 1.
-
-    Raises
-    ------
-    ValueError
-        If nothing is touched, or the array cannot reach it.
+    The toucher's state of earlier frames is reset. Raises `ValueError` if nothing is touched, or the array cannot reach
+    it.
     """
     toucher.forget()
     solver, rows = TwoSidedSolver(TransducerArray.grid(), method), []

@@ -117,20 +117,10 @@ class _Scene:
 
 
 def plane_of(points: NDArray[np.float64], floor: float) -> Grid:
-    """The plane nearest to points, as a square that shows them and stays above a height.
+    """The plane nearest to points (m, 3), as a square that shows them and stays above the array's height, in metres.
 
-    Parameters
-    ----------
-    points : (m, 3) float
-        In metres.
-    floor : float
-        Height of the array in metres.
-
-    Returns
-    -------
-    Grid
-        The plane's normal is the direction in which the points vary least; points that lie on a line get the plane
-        that is the most horizontal. Its first axis is as near to x as the plane allows.
+    Its normal is the direction in which the points vary least; points that lie on a line get the plane that is the most
+    horizontal. Its first axis is as near to x as the plane allows.
     """
     mean = points.mean(axis=0)
     _, extents, directions = np.linalg.svd(points - mean, full_matrices=True)
@@ -160,19 +150,9 @@ def plane_of(points: NDArray[np.float64], floor: float) -> Grid:
 
 
 def outline(mesh: Mesh, towards: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The edges that show a mesh: its silhouette, its sharp edges and its borders.
+    """The edges that show a mesh from a direction (3,): its silhouette, its sharp edges and its borders.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Of any number of faces.
-    towards : (3,) float
-        Direction to the viewer.
-
-    Returns
-    -------
-    seen, hidden : (k, 2, 3) float
-        Lines in metres; hidden ones have both faces turned away.
+    Lines that are seen and lines that are hidden, (k, 2, 3) each, in metres; hidden ones have both faces turned away.
     """
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

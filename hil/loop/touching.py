@@ -141,14 +141,9 @@ def run_touch(intended: TwoSided, emulator: Emulator) -> TouchRun:
 
 
 def as_emitted(frames: Sequence[Pulses], hold: int) -> Modulation:
-    """The drives that an emulated device emits for frames in turn, rebuilt from the bits of its outputs.
+    """The drives that an emulated device emits for 1 to 256 frames in turn, rebuilt from the bits of its outputs.
 
-    Parameters
-    ----------
-    frames : sequence of Pulses
-        One to 256, as sent to a device.
-    hold : int
-        Carrier periods for which each is played.
+    Each frame is held for so many carrier periods.
     """
     with Emulator() as emulator:
         ack, capture = _played(frames, [(slot, hold) for slot in range(len(frames))], emulator)

@@ -53,17 +53,9 @@ LABELS = {
 
 
 def drawn_fields(columns: Mapping[str, Sequence[object]]) -> dict[str, list[str]]:
-    """The fields over which a picture draws, each with those that always change together with it.
+    """The fields over which a picture draws, each with those that always change together with it; the seed is left out.
 
-    Parameters
-    ----------
-    columns : mapping of str to sequence
-        Values of the fields in each row; the seed is left out.
-
-    Raises
-    ------
-    ValueError
-        If they are none, or more than `MOST_FIELDS`.
+    Raises `ValueError` if they are none, or more than `MOST_FIELDS`.
     """
     drawn: dict[str, list[str]] = {}
     for name in FIELDS:

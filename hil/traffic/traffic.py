@@ -115,21 +115,9 @@ class Piece:
 
 
 def cut(traffic: Traffic, data: bytes, travelled: int) -> Iterator[tuple[int, bytes, int]]:
-    """Cut the data of one transfer into blocks or records.
+    """Cut the data of one transfer into blocks or records: the offset of each, its bytes, how many were not recorded.
 
-    Parameters
-    ----------
-    traffic : Traffic
-        `Traffic.BLOCK` or `Traffic.RECORD`.
-    data : bytes
-        The recorded data of the transfer, from its beginning.
-    travelled : int
-        The true number of its bytes.
-
-    Yields
-    ------
-    int, bytes, int
-        The offset of the piece in the transfer, the piece, and how many of its bytes were not recorded.
+    The recorded data begin with the transfer, of which so many bytes travelled.
     """
     at = 0
     while at < len(data):

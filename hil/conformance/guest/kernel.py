@@ -83,19 +83,10 @@ def missing_programs() -> list[str]:
 
 
 def fetch_kernel(suite: str | None = None, cache: Path | None = None) -> GuestKernel:
-    """Debian's newest kernel, from the cache if it is there.
+    """Debian's newest kernel of a suite such as `NEWEST`, from a cache if it is there.
 
-    Parameters
-    ----------
-    suite : str, optional
-        Debian's suite, such as `NEWEST`; by default the one from which this computer installs packages.
-    cache : Path, optional
-        The folder that keeps it; by default in the user's cache.
-
-    Raises
-    ------
-    OSError
-        If it can be neither found nor fetched.
+    By default the suite is the one from which this computer installs packages, and the cache is the user's. Raises
+    `OSError` if the kernel can be neither found nor fetched.
     """
     folder = (cache or user_cache_path("phasewire")) / "guest"
     options = _lists(suite, folder / "lists" / suite) if suite else ()

@@ -81,18 +81,7 @@ class Seen:
         return np.asarray(self._periods(number, operator.index(number) + 1)[0])
 
     def pulses(self, first: int, last: int) -> SeenPulses:
-        """The pulses of some periods.
-
-        Parameters
-        ----------
-        first, last : int
-            Periods of the device; the last is not included.
-
-        Raises
-        ------
-        ValueError
-            If they are not within the interval.
-        """
+        """The pulses of some periods, the last not included; raises `ValueError` if they are not within it."""
         words = self._periods(first, last)
         pulses = SeenPulses(
             np.full((len(words), CHANNELS), NOT_ONE, np.int8), np.full((len(words), CHANNELS), NOT_ONE, np.int8)
@@ -153,25 +142,14 @@ class Observer:
         return self
 
     def finish(self, tell: Callable[[str], object]) -> None:
-        """End a recording once all cases have played, for what is seen after the run.
-
-        Parameters
-        ----------
-        tell : callable
-            Tells people what they have to do.
-        """
+        """End a recording once all cases have played, for what is seen after the run; people are told what to do."""
 
     def close(self) -> None:
         """Give back what it holds."""
 
 
 class EmulatorObserver(Observer):
-    """Sees all outputs of an emulator, in its present life: as far back as its last start.
-
-    Parameters
-    ----------
-    emulator : Emulator
-    """
+    """Sees all outputs of an emulator, in its present life: as far back as its last start."""
 
     name = "emulator"
 

@@ -81,20 +81,9 @@ def _at(recording: SampleRecording, places: NDArray[np.int64]) -> NDArray[np.uin
 
 
 def silences(recording: SampleRecording, bits: Sequence[int], longer_than: float) -> NDArray[np.int64]:
-    """Where most of some bits are low for long.
+    """Where most of some bits of the samples are low for more than so many samples, (s, 2) int.
 
-    Parameters
-    ----------
-    recording : SampleRecording
-    bits : sequence of int
-        Of a sample.
-    longer_than : float
-        Samples.
-
-    Returns
-    -------
-    (s, 2) int
-        The first sample that is low, and the first that is high again; or the end of the recording.
+    The first sample that is low, and the first that is high again; or the end of the recording.
     """
     mask = np.zeros(recording.unit * 8, np.uint8)
     mask[list(bits)] = 1
@@ -149,21 +138,9 @@ def _wired(file: SampleRecording, channels: Mapping[str, int]) -> dict[int, int]
 
 
 def find_marks(file: SampleRecording, bits: Sequence[int], marks: Sequence[Mark]) -> list[Anchor]:
-    """Find marks in a recording, in the order in which they were played.
+    """Find marks in a recording, by the bits at which outputs are, in the order in which they were played.
 
-    Parameters
-    ----------
-    file : SampleRecording
-    bits : sequence of int
-        Of a sample, at which outputs are.
-    marks : sequence of Mark
-
-    Raises
-    ------
-    InputFileError
-        If the file is damaged.
-    OSError
-        If it cannot be read.
+    Raises `InputFileError` if the file is damaged, and `OSError` if it cannot be read.
     """
     samples_per_tick = file.rate / TICK_HZ
     found = silences(file, bits, LONGEST_PULSE_GAP * samples_per_tick)

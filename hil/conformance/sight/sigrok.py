@@ -190,19 +190,9 @@ def _members(path: Path, values: Mapping[str, str], sizes: Mapping[str, int], un
 
 
 class SigrokObserver(RecordedObserver):
-    """Sees the outputs that a sigrok session file holds, which somebody records while the suite runs.
+    """Sees the outputs that a sigrok session file will hold, which somebody records while the suite runs.
 
-    Parameters
-    ----------
-    path : path
-        Where the recording will be.
-    channels, marks
-        See `RecordedObserver`.
-
-    Raises
-    ------
-    ValueError
-        If it is a folder, or no path.
+    Its channels and marks are those of `RecordedObserver`. Raises `ValueError` if the path is a folder.
     """
 
     def __init__(self, path: Path, channels: Mapping[str, int], marks: Sequence[Mark]) -> None:

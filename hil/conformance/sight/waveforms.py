@@ -42,16 +42,9 @@ CHUNK_PERIODS = 2048
 
 
 def expected_words(pulses: Pulses, wiring: Wiring) -> Words:
-    """The outputs in a period of these pulses, (50, 10) uint32.
+    """The outputs in a period of these pulses of 320 transducers, (50, 10) uint32.
 
     A pulse begins at tick ⌊(phase − width)/2⌋ modulo 50 and lasts `width` ticks (clause PUL-004).
-
-    Parameters
-    ----------
-    pulses : Pulses
-        Of 320 transducers.
-    wiring : Wiring
-        The output of each.
     """
     width = pulses.width.astype(np.int64)
     start = (pulses.phase.astype(np.int64) - width) // 2 % TICKS_PER_PERIOD

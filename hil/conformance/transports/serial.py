@@ -99,17 +99,9 @@ class Wire(Protocol):
 
 
 class PortWire:
-    """A port of pyserial.
+    """A port of pyserial, by the URL by which the host finds ports.
 
-    Parameters
-    ----------
-    url : str
-        The URL by which the host finds ports.
-
-    Raises
-    ------
-    DeviceError
-        If there is no such port, or it may not be used.
+    Raises `DeviceError` if there is no such port, or it may not be used.
     """
 
     def __init__(self, url: str) -> None:
@@ -185,13 +177,7 @@ class PortWire:
 
 
 class CdcWire:
-    """The console's endpoints of a device on USB; DTR has its initial state, low.
-
-    Parameters
-    ----------
-    usb : RawUsbLine
-        The device.
-    """
+    """The console's endpoints of a device on USB; DTR has its initial state, low."""
 
     has_break = False
     is_connection = False
