@@ -1,61 +1,46 @@
-"""The bench: a device under test, everything that a case may ask of it, and a log of all traffic.
+"""The bench: a device under test and everything that a case may ask of it.
 
-A case gets the device disabled, without faults and without records that wait; its first block restarts the numbering. A
-case need not restore what it changes, except what lasts: firmware, power, the bus.
+What they say to each other is in `dialogue`, how they share time in `pacing`. A case gets the device disabled, without
+faults and without records that wait; its first block restarts the numbering. A case need not restore what it changes,
+except what lasts: firmware, power, the bus.
 """
 
 from __future__ import annotations
 
 import random
-import time
 import zlib
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cached_property
-from math import ceil
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base.errors import DeviceError, DeviceVersionError, InputFileError, ReplyError
-from ...protocol.blocks import Block, Body, Change, NoOp, Slot, Update, pack
-from ...protocol.board import CARRIER_HZ, CHANNELS, MAX_WIDTH_TICKS, TICK_HZ, TICKS_PER_PERIOD
+from ...base.errors import DeviceError, InputFileError, ReplyError
+from ...protocol.blocks import Block, NoOp, Update, pack
+from ...protocol.board import CHANNELS, TICK_HZ
 from ...protocol.codes import (
-    BLOCK_BYTES,
-    PROTOCOL_VERSION,
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
-    RESTART_SECONDS,
     SILENT_PERIODS,
-    Flag,
-    Reason,
     Request,
     State,
 )
-from ...protocol.framing import MAX_FRAME_BYTES, LineMode
-from ...protocol.plain import plain
 from ...protocol.pulses import Pulses
 from ...protocol.replies import (
     ANSWER_BYTES,
-    Ack,
-    ClockReading,
     Info,
-    ProcessorReport,
-    ReadBack,
     Status,
-    decode_reports,
     decode_wiring,
-    records,
 )
 from ...protocol.requests import VALUES, Setup
 from ...protocol.wiring import Wiring
 from ..traffic.traffic import Traffic
-from .cases import NOT_USB, Inconclusive, Need, Risk, TooSlow, unmet
+from .cases import NOT_USB, Inconclusive, Need, Risk, unmet
+from .dialogue import QUIET_SECONDS, Dialogue
 from .levers import METHODS, LeverFailed, PluggedLevers
-from .log import CaseLog
 from .profile import Profile
 from .sight.capture import Observer, Seen, Unseen
 from .sight.marks import MARK_PULSES, Mark
@@ -66,60 +51,18 @@ from .transports.usb import RawUsbLine
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-    from .verdicts import Evidence
 
-__all__ = [
-    "LOW_DRIVE",
-    "MOST_SLOWNESS",
-    "OUTPUTS",
-    "POWERS",
-    "TOLD_PERIODS",
-    "TRIED_SECONDS",
-    "Bench",
-    "Lost",
-]
+__all__ = ["OUTPUTS", "TRIED_SECONDS", "Bench", "Lost"]
 
-LOW_DRIVE = 32
-"""Transducers' worth of total drive that a case may use if hard driving is not allowed: a tenth of the array."""
-ACK_SECONDS = 10.0
-"""A device answers at once; the rest is margin for a busy computer."""
-AHEAD_PERIODS = 1000
-"""The lead of a change that must be in time: 25 ms."""
-LAST_LOOK_SECONDS = 0.1
-"""Time for a device's data to reach this program."""
-BLOCK_SECONDS = {"usb": 0.01, "serial": 0.1}
-"""Time for one block at the lowest speed of a line (clause SER-014), doubled."""
 TRIED_SECONDS = 2.0
 """Time of the line for the values of a case that is the same for each of them."""
 MEASURED_BLOCKS = 8
-QUIET_SECONDS = 0.002
-SLICE_SECONDS, LONGEST_SLICE_SECONDS = 0.01, 0.2
-"""How long to wait for a transfer of blocks, which may be larger than the device's buffers, before records are read."""
-WAIT_SECONDS = 1.0
-"""What a line and a computer may add to a wait for a tick."""
-PACE_SECONDS = 0.1
-"""The least time over which the device's clock is compared with the host's."""
-MOST_SLOWNESS = 64
-"""Periods are then named 3.2 s ahead."""
 OFF_SECONDS = 0.1
 """How long a device is without power."""
 LEAVES_SECONDS = 2.0
 """Time for a device without power or cable to leave the bus."""
-RETURN_SECONDS = RESTART_SECONDS + 1.0
-"""Time for a device to come back after a restart (clause TIM-002), and for the computer to find it."""
-NOTED_BLOCKS = 8
-"""Blocks of one transfer that are kept as evidence."""
 OUTPUTS = "outputs"
 """Label of the evidence on judged outputs."""
-COUNTERS = ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages", "dropped_frames")
-"""Counters of STATUS (clause REQ-003)."""
-FLAGS_OFFSET = 26  # clause BLK-002
-POWERS = np.floor(1000 * np.sin(np.pi * np.arange(MAX_WIDTH_TICKS + 1) / TICKS_PER_PERIOD) ** 2 + 0.5).astype(int)
-"""Power of a pulse of each width, in thousandths of the widest (clause SAF-006)."""
-TOLD_PERIODS = 800
-"""20 ms, within which a device sends an unsolicited record (clause ACK-006)."""
-FAR_SECONDS = 0.03
-"""The delay that a real line and the programs at its end may add to a record."""
 NO_DOOR = "this run has no {what}: pass --door {url}; if the device has none, let the profile say so under {clause}"
 DOORS: Mapping[str, str] = {
     "usb": NO_DOOR.format(what="USB line", url="usb:", clause="USB-002"),
@@ -137,8 +80,8 @@ class LostByLever(Lost, Inconclusive):
     """The device cannot be brought back, and a lever failed meanwhile: it may not be the device's fault."""
 
 
-class Bench:
-    """A device under test.
+class Bench(Dialogue):
+    """A device under test, and what is plugged in.
 
     Parameters
     ----------
@@ -162,26 +105,14 @@ class Bench:
 
     Attributes
     ----------
-    line : RawLine
-    levers : PluggedLevers
-    info : Info
-        The device's first answer.
-    slowness : int
-        Factor on the waiting time of cases before something happens.
-    random : random.Random
-        For this case: the same for the same seed, whatever ran before.
     marks : list of Mark
         All marks that were played in this run.
     looks : list of callable
         The judgements of the outputs in this case, in order. Each returns what was seen, or raises what was wrong.
     block_seconds : float
         How long a block and its acknowledgement take on this line, as measured at the first case.
-    pace : float
-        The time of the device for one second of the host, as last measured; at most 1.
     tried : list of int
         Of how many values this case tried how many.
-    unasked : list of Status
-        Unsolicited status records since the case began or `unasked` was cleared.
     """
 
     def __init__(
@@ -197,47 +128,26 @@ class Bench:
         free_time: bool = True,
         doors: Mapping[str, Callable[[], AbstractContextManager[RawLine]]] = MappingProxyType({}),
     ) -> None:
-        self.line = line
+        super().__init__(line, allowed, seed)
         self._doors = doors
         self.levers = levers
         levers.done = self._lever_done
         self.observer = observer
-        self.allowed = allowed
-        self._seed = seed
-        self._spare = spare
-        self._free_time = free_time
+        self._seed, self._spare, self._free_time = seed, spare, free_time
         self.profile = profile
         self._serial: RawSerialLine | None = line if isinstance(line, RawSerialLine) else None
-        self._log = CaseLog()
         self.looks: list[Callable[[], str]] = []
         self._marks: list[Mark] = []
         self.marks: list[Mark] = []
-        self.random = random.Random(seed)
-        self.unasked: list[Status] = []
-        self.slowness = 1
         self.block_seconds = 0.0
         self.tried = [0, 0]
         self._tried_seconds = 0.0
-        self._number: int | None = None
-        self._first: Status | None = None
-        self._known_tick, self._known_at = 0, 0.0
-        self.pace = 1.0
-        self._paced_from = 0, 0.0
-        try:
-            self.info = Info.decode(self.ask(Request.INFO))
-        except (AssertionError, ReplyError) as error:
-            raise DeviceError(f"{line.name} does not say what it is: {error}") from error
-        if not self.info.speaks(PROTOCOL_VERSION):
-            raise DeviceVersionError(
-                f"{line.name} speaks versions {self.info.oldest_version} to {self.info.newest_version} of the "
-                f"protocol; this suite judges version {PROTOCOL_VERSION}, and sends nothing else (clause VER-006)"
-            )
 
     # Parts of the bench
 
     @cached_property
     def wiring(self) -> Wiring:
-        """The device's first answer."""
+        """The device's answer to WIRING."""
         return decode_wiring(self.ask(Request.WIRING))
 
     @property
@@ -320,50 +230,10 @@ class Bench:
             other.line.watch.wrong, other.block_seconds = self.line.watch.wrong, self.block_seconds
             yield other
 
-    @property
-    def drive_limit(self) -> int:
-        """Transducers' worth of total drive that a case may use."""
-        return self.info.drive_limit if Risk.DRIVE in self.allowed else min(LOW_DRIVE, self.info.drive_limit)
-
-    # Evidence
-
-    def note(self, label: str, what: object, traffic: Traffic = Traffic.OTHER, setup: bytes = b"") -> None:
-        """Keep something as evidence; see `CaseLog.note`."""
-        self._log.note(label, what, traffic, setup)
-
-    def note_blocks(self, blocks: Sequence[bytes]) -> None:
-        """Keep blocks that are sent in one go as evidence: the first ones, if there are many."""
-        for block in blocks[:NOTED_BLOCKS]:
-            self.note("block", block, Traffic.BLOCK)
-        if len(blocks) > NOTED_BLOCKS:
-            self.note("blocks", f"and {len(blocks) - NOTED_BLOCKS} more")
-
-    def _note_bytes(self, label: str, data: bytes, mode: LineMode) -> None:
-        self._log.note_line(label, data, Traffic.TEXT if mode is LineMode.CONSOLE else Traffic.FRAME)
-
-    def evidence(self, *, whole: bool = False) -> tuple[Evidence, ...]:
-        """The log since the case began; see `CaseLog.evidence`."""
-        return self._log.evidence(whole=whole)
-
-    def over(self, error: BaseException | None = None) -> None:
-        """The case is over, or has failed: what is noted from now on is clean-up."""
-        self._log.end(error)
-
-    def forget(self) -> None:
-        """Start with no evidence."""
-        self._log.forget()
-        self.looks.clear()
-
     # Cases
 
     def begin_case(self, name: str) -> None:
-        """Bring the device to the state in which every case begins.
-
-        Raises
-        ------
-        Lost
-            If no allowed action can do so.
-        """
+        """Bring the device to the state in which every case begins; raises `Lost` if no allowed action can do so."""
         self.forget()
         self._marks = []
         if self._serial is not self.line:
@@ -391,16 +261,9 @@ class Bench:
         self._settle()
 
     def tries(self, of: int, least: int, blocks: float = 1, seconds: float = TRIED_SECONDS) -> int:
-        """How many of so many tries a case makes: all, or those for which this line has the time.
+        """How many of so many tries a case makes: all, or those for which this line has the time, but the least on any.
 
-        Parameters
-        ----------
-        of, least : int
-            All, and how many are made on any line.
-        blocks : float
-            How many blocks, or what takes as long, a try needs.
-        seconds : float
-            The time for all tries of the case.
+        A try takes as long as so many blocks. All tries of a case together have so many seconds.
         """
         each = blocks * self.block_seconds
         fit = of if each * of <= (left := seconds - self._tried_seconds) else int(max(left, 0) / each)
@@ -426,6 +289,11 @@ class Bench:
             self.try_order(Request.DISABLE)
             self.try_order(Request.WATCHDOG, self.info.watchdog_ms)
             self.try_order(Request.LIMIT, self.info.drive_limit)
+
+    def forget(self) -> None:
+        """Start with no evidence."""
+        self._log.forget()
+        self.looks.clear()
 
     def _settle(self) -> None:
         """Restore the initial state by requests alone."""
@@ -466,339 +334,6 @@ class Bench:
                 return
         lost = LostByLever if any(isinstance(problem, LeverFailed) for problem in problems) else Lost
         raise lost("the device cannot be brought back: " + "; then ".join(map(str, problems)))
-
-    # Time
-
-    @property
-    def is_far(self) -> bool:
-        """Whether the device's time is not that of this process: either may lag."""
-        return self.line.time is time
-
-    def slow_down(self) -> bool:
-        """Give cases more time from now on, because one had too little; returns whether more could be given."""
-        if not self.is_far or self.slowness >= MOST_SLOWNESS:
-            return False
-        self.slowness *= 4
-        return True
-
-    def wait(self, seconds: float) -> None:
-        """Let time pass for the host; a simulated device may lag."""
-        self.line.time.sleep(seconds)
-
-    def outlast(self, seconds: float) -> None:
-        """Let time pass for the device, which must answer CLOCK: this is neither a sign of life nor a change."""
-        due = self.clock().now + ceil(seconds * TICK_HZ) if self.is_far else 0
-        self.wait(seconds)
-        if self.is_far:
-            self._wait_until_tick(due)
-
-    def paced(self, seconds: float) -> float:
-        """How long so much time of a device takes for the host, by its pace before: it may have no clock to ask for."""
-        return seconds / self.pace
-
-    @property
-    def return_seconds(self) -> float:
-        """The longest time until a device is back after a restart."""
-        return self.paced(RETURN_SECONDS)
-
-    def wait_periods(self, periods: float) -> None:
-        """Let carrier periods of the device pass."""
-        self.outlast(periods / CARRIER_HZ)
-
-    def wait_until(self, period: int) -> None:
-        """Let time pass until a carrier period of the device has begun by its own clock, while that comes nearer."""
-        self._wait_until_tick(period * TICKS_PER_PERIOD)
-
-    def _wait_until_tick(self, tick: int) -> None:
-        for left in self._left_until(tick):
-            self.wait((left + 1) / TICK_HZ)
-
-    def _left_until(self, tick: int) -> Iterator[int]:
-        """The ticks that the device still has to go, asked repeatedly.
-
-        No wait is longer than the case asked for when it named the tick, and the waits end if the clock does not come
-        nearer, or hardly: it may be as slow as cases can be made (`MOST_SLOWNESS`).
-        """
-        now, began, first = self.line.time.monotonic, self.line.time.monotonic(), None
-        least = named = self.line.watch.highest
-        while (left := tick - (told := self.clock().now)) > 0:
-            first = told if first is None else first
-            due = (now() - began - WAIT_SECONDS) * TICK_HZ / (MOST_SLOWNESS if self.is_far else 1)
-            comes_nearer = told >= least and told - first >= due
-            assert comes_nearer, (
-                f"the clock does not reach tick {tick}: it named tick {named} before the wait, {first} at its begin "
-                f"and {told} after {now() - began:.3f} s"
-            )
-            yield left
-            least = told + 1
-
-    def _looks(self, seconds: float) -> Iterator[float]:
-        """Repeat while the device may still send something, until the time is over.
-
-        It is over when host and device agree that it is, and what was sent before has arrived.
-        """
-        due = self.clock().now + ceil(seconds * TICK_HZ) if self.is_far else 0
-        end = self.line.time.monotonic() + seconds
-        while (left := end - self.line.time.monotonic()) > 0:
-            yield left
-        if self.is_far:
-            for ticks in self._left_until(due):
-                yield (ticks + 1) / TICK_HZ
-            yield LAST_LOOK_SECONDS
-
-    # Requests
-
-    def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
-        """Make any control request; returns the answer, or None for STALL."""
-        self.note("request", setup.encode() + data, Traffic.REQUEST)
-        answer = self.line.request(setup, data)
-        self.note("answer", "STALL" if answer is None else answer or "done", Traffic.REQUEST, setup.encode())
-        return answer
-
-    def ask(self, request: Request, value: int = 0) -> bytes:
-        """Make a vendor request with an answer; fails if it is answered with STALL or with another length."""
-        size = ANSWER_BYTES[request]
-        setup = Setup(REQUEST_TYPE_IN, request, value, 0, size)
-        answer = self.line.request(setup)
-        self.note(request.name, "STALL" if answer is None else answer, Traffic.REQUEST, setup.encode())
-        assert answer is not None, f"{request.name} is answered with STALL"
-        assert len(answer) == size, f"{request.name} answers {len(answer)} bytes, should be {size}"
-        return answer
-
-    def order(self, request: Request, value: int = 0) -> None:
-        """Make a vendor request without an answer; fails if it is answered with STALL."""
-        assert self.try_order(request, value), f"{request.name} with value {value} is answered with STALL"
-
-    def try_order(self, request: Request, value: int = 0) -> bool:
-        """Make a vendor request without an answer; returns False for STALL."""
-        return self.request(Setup(REQUEST_TYPE_OUT, request, value, 0, 0)) is not None
-
-    def status(self) -> Status:
-        """Ask for STATUS."""
-        status = Status.decode(self.ask(Request.STATUS))
-        self._know(status.now)
-        return status
-
-    def clock(self) -> ClockReading:
-        """Ask for CLOCK."""
-        reading = ClockReading.decode(self.ask(Request.CLOCK))
-        self._know(reading.now)
-        return reading
-
-    def _know(self, tick: int) -> None:
-        """Note the device's tick, and after some time how fast it counts."""
-        self._known_tick, self._known_at = tick, self.line.time.monotonic()
-        first, at = self._paced_from
-        passed = self._known_at - at
-        if at and tick >= first and passed < PACE_SECONDS:
-            return
-        if at and tick >= first:
-            self.pace = min(max((tick - first) / TICK_HZ / passed, 1 / MOST_SLOWNESS), 1.0) if self.is_far else 1.0
-        self._paced_from = tick, self._known_at
-
-    def measure_pace(self) -> None:
-        """Compare the device's clock with the host's, before the device has none to ask for."""
-        if self.is_far:
-            self._paced_from = self.clock().now, self.line.time.monotonic()
-            self.wait(PACE_SECONDS)
-            self.clock()
-
-    def _is_over(self, began: float, seconds: float) -> bool:
-        """Whether time is over by the host's clock and, if the device is slower, by the device's."""
-        passed = self.line.time.monotonic() - began
-        if passed >= seconds and self.is_far:
-            self.clock()
-        return passed >= self.paced(seconds)
-
-    def read_back(self) -> ReadBack:
-        """Ask for PULSES."""
-        return ReadBack.decode(self.ask(Request.PULSES))
-
-    def processors(self) -> list[ProcessorReport]:
-        """Ask for PROCESSORS."""
-        return decode_reports(self.ask(Request.PROCESSORS))
-
-    def period(self) -> int:
-        """The device's present carrier period, by its own clock."""
-        return self.clock().now // TICKS_PER_PERIOD
-
-    def enable(self) -> None:
-        """Enable the outputs."""
-        self.order(Request.ENABLE)
-
-    def disable(self) -> None:
-        """Disable the outputs, and wait until they are silent."""
-        self.order(Request.DISABLE)
-        self.wait_periods(SILENT_PERIODS)
-
-    # Blocks
-
-    def numbered(self, body: Body, *, restart: bool = False, number: int | None = None) -> Block:
-        """A block with the next number, or with a given one, from which the numbering continues.
-
-        The first block of a case restarts the numbering.
-        """
-        if number is None:
-            first = self._number is None
-            number = self.random.randrange(2**32) if self._number is None else (self._number + 1) % 2**32
-            restart = restart or first
-        self._number = number
-        if isinstance(body, Update | Slot):
-            power = body.pulses.total_drive / 1000
-            if power > self.drive_limit:
-                raise RuntimeError(f"a case drives {power:g} transducers; {self.drive_limit} are allowed here")
-        return Block(body, number, restart)
-
-    def send(self, body: Body, *, restart: bool = False, number: int | None = None) -> Ack:
-        """Send a block, numbered as by `numbered`; returns its acknowledgement."""
-        return self.send_raw(pack(self.numbered(body, restart=restart, number=number)))[0]
-
-    def send_all(self, bodies: Iterable[Body]) -> list[Ack]:
-        """Send blocks in one go, and collect their acknowledgements, in order."""
-        return self.send_raw(*(pack(self.numbered(body)) for body in bodies))
-
-    def must(self, body: Body, *, restart: bool = False, number: int | None = None) -> Ack:
-        """Send a block that must be accepted, numbered as by `numbered`.
-
-        Raises
-        ------
-        TooSlow
-            If it is a change for a period that was far ahead when the case began to send it, but over when it arrived:
-            the computer or the line was too slow.
-        """
-        known = self._known_tick // TICKS_PER_PERIOD
-        ack = self.send(body, restart=restart, number=number)
-        assert ack.reason is Reason.ACCEPTED, f"{body.KIND.name} is refused with {_name(ack.reason)}"
-        if isinstance(body, Change) and ack.late and known + AHEAD_PERIODS <= body.period <= ack.now_period:
-            raise TooSlow(
-                f"a block for period {body.period}, sent in period {known} or soon after, arrived in "
-                f"{ack.now_period}: this computer or the line is too slow"
-            )
-        return ack
-
-    def send_raw(self, *blocks: bytes) -> list[Ack]:
-        """Send blocks of 512 bytes unchanged; returns their acknowledgements, which must come in order by number.
-
-        Fails if one does not come in time, or another one comes.
-        """
-        self._write(blocks)
-        acks = [self._next_ack(block, noted=place < NOTED_BLOCKS) for place, block in enumerate(blocks)]
-        if acks:
-            self._know(acks[-1].now)
-        if acks and acks[0].reason is not Reason.ACCEPTED and self._begins(blocks[0]):
-            self._number = None  # a refused block has restarted nothing
-        return acks
-
-    @staticmethod
-    def _begins(block: bytes) -> bool:
-        """Whether a block restarts the numbering."""
-        return len(block) == BLOCK_BYTES and bool(block[FLAGS_OFFSET] & Flag.RESTART)
-
-    def _write(self, blocks: Sequence[bytes]) -> None:
-        self.note_blocks(blocks)
-        data = b"".join(blocks)
-        self._acks: deque[Ack] = deque()
-        patience = ACK_SECONDS + len(blocks) * BLOCK_SECONDS[self.line.kind]
-        sent, began = 0, self.line.time.monotonic()
-        at_once = len(data) if self.line.kind == "usb" else BLOCK_BYTES
-        wait = SLICE_SECONDS
-        while sent < len(data):
-            before = sent, len(self._acks)
-            sent += self.line.send_blocks(data[sent : sent + at_once], wait)
-            behind = len(blocks) - len(self._acks) > 1 and self.line.kind == "serial"
-            self._collect(ACK_SECONDS if behind else wait - SLICE_SECONDS)
-            # A line may be so slow that it completes no transfer in so short a time.
-            stuck = before == (sent, len(self._acks))
-            wait = min(2 * wait, LONGEST_SLICE_SECONDS) if stuck else SLICE_SECONDS
-            assert sent == len(data) or not self._is_over(began, patience), (
-                f"only {sent} of {len(data)} bytes of blocks were taken in {patience:g} s"
-            )
-
-    def _collect(self, seconds: float) -> None:
-        """Sort records: acknowledgements wait for `send`, status records are unsolicited."""
-        for record in self._records(self.line.receive_records(max(seconds, QUIET_SECONDS / 2))):
-            if isinstance(record, Ack):
-                self._acks.append(record)
-            else:
-                self.note("status, unasked", record.encode(), Traffic.RECORD)
-                self.unasked.append(record)
-
-    def _records(self, data: bytes) -> list[Ack | Status]:
-        """The records in bytes; these are evidence if they are none."""
-        try:
-            return records(data)
-        except ReplyError as error:
-            broken = error
-        self.note("came", data, Traffic.RECORD)  # no sooner: what is noted while its error is handled is clean-up
-        raise broken
-
-    def _next_ack(self, block: bytes, *, noted: bool) -> Ack:
-        """The next acknowledgement, evidence if that is wished, or if it is not the expected one that accepts."""
-        number = int.from_bytes(block[4:8], "little")
-        began = self.line.time.monotonic()
-        while not self._acks:
-            assert not self._is_over(began, ACK_SECONDS), (
-                f"block {number} is not acknowledged within {ACK_SECONDS:g} s; {self._moved()}"
-            )
-            self._collect(max(began + ACK_SECONDS - self.line.time.monotonic(), SLICE_SECONDS))
-        ack = self._acks.popleft()
-        if noted or (ack.sequence, ack.reason) != (number, Reason.ACCEPTED):
-            self.note("acknowledgement", ack.encode(), Traffic.RECORD)
-        assert ack.sequence == number, f"the acknowledgement of block {number} should come, not of {ack.sequence}"
-        return ack
-
-    def _moved(self) -> str:
-        """The counters of STATUS that have risen since the case began, which may explain a missing answer."""
-        try:
-            answer = self.line.request(Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0, Status.BYTES))
-            now, first = plain(Status.decode(answer or b"")), plain(self._first)
-        except (DeviceError, ReplyError):
-            return "nor is STATUS answered"
-        rises = {name: now[name] - first[name] for name in COUNTERS}
-        told = " and ".join(f"{name} rose by {rise}" for name, rise in rises.items() if rise > 0)
-        return f"since the case began {told or 'no counter of STATUS rose'}"
-
-    def await_unasked(self, seconds: float) -> Status:
-        """Wait for an unsolicited status record; returns the oldest one since `unasked` was cleared."""
-        self._acks = deque()
-        looks = self._looks(seconds)
-        while not self.unasked:
-            left = next(looks, None)
-            assert left is not None, f"no unsolicited status record comes within {seconds:g} s"
-            self._collect(left)
-        return self.unasked.pop(0)
-
-    def listen(self, seconds: float | None = None) -> list[Ack | Status]:
-        """All unsolicited records in this time.
-
-        By default until all past events must have been reported, by the device's clock.
-        """
-        if seconds is None:
-            self.wait_until(self.period() + TOLD_PERIODS + 1)
-            seconds = QUIET_SECONDS + (FAR_SECONDS if self.is_far else 0.0)
-            seconds += self.line.transit(2 * MAX_FRAME_BYTES) if isinstance(self.line, RawSerialLine) else 0.0
-        found = b"".join([self.line.receive_records(left) for left in self._looks(seconds)])
-        if found:
-            self.note("came", found, Traffic.RECORD)
-        return records(found)
-
-    def keep_alive(self, seconds: float, every: float = 0.02) -> None:
-        """Let time pass with a sign of life every so often (clause SAF-003)."""
-        end = self.line.time.monotonic() + seconds
-        while (left := end - self.line.time.monotonic()) > 0:
-            self.wait(min(left, every))
-            self.line.request(Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0, Status.BYTES))
-
-    # Drives
-
-    def weak(self, share: float = 1.0) -> Pulses:
-        """Random pulses of all transducers with the greatest allowed total drive, or a share of it."""
-        rng = np.random.default_rng(self.random.randrange(2**32))
-        phase, width = rng.integers(0, 100, CHANNELS), rng.integers(1, 26, CHANNELS)
-        order = rng.permutation(CHANNELS)
-        drawn = np.cumsum(POWERS[width[order]])
-        width[order[drawn > 1000 * self.drive_limit * share]] = 0
-        return Pulses(phase, width)
 
     # Restarts
 
@@ -920,7 +455,3 @@ class Bench:
         self.order(Request.WATCHDOG, self.info.watchdog_ms)
         self._marks.append(Mark(tuple(changes)))
         self.marks.append(self._marks[-1])
-
-
-def _name(code: int) -> str:
-    return getattr(code, "name", str(code))

@@ -100,38 +100,25 @@ class NotApplicable(Exception):
 
 @dataclass(frozen=True)
 class Case:
-    """The declaration of a case.
-
-    Parameters
-    ----------
-    clauses : tuple of str
-        The clauses that it shows.
-    sentence : str
-        What it does and why.
-    outputs : tuple of str
-        What only the outputs show of it. The case runs without observed outputs too; the outputs have a verdict of
-        their own.
-    needs : tuple of Need
-    risks : tuple of Risk
-    line : {"usb", "serial"} or None
-        The kind of line that it is about, None for any. A device on USB has a serial line too, its console.
-    features : Feature
-        If one of these is missing in INFO the case is not applicable.
-    should : bool
-        Whether it shows a SHOULD: a failure is a warning.
-    since : int
-        The first revision (clause VER-009) that asks of a device what the case judges.
-    """
+    """The declaration of a case."""
 
     clauses: tuple[str, ...]
+    """The clauses that it shows."""
     sentence: str
+    """What it does and why."""
     outputs: tuple[str, ...] = ()
+    """What only the outputs show of it. The case runs without observed outputs too; the outputs have a verdict of their
+    own."""
     needs: tuple[Need, ...] = ()
     risks: tuple[Risk, ...] = ()
     line: LineKind | None = None
+    """The kind of line that it is about, None for any. A device on USB has a serial line too, its console."""
     features: Feature = NO_FEATURES
+    """If one of these is missing in INFO the case is not applicable."""
     should: bool = False
+    """Whether it shows a SHOULD: a failure is a warning."""
     since: int = 1
+    """The first revision (clause VER-009) that asks of a device what the case judges."""
 
     @property
     def at_the_outputs(self) -> Case:
@@ -141,19 +128,14 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """What a row of a table of cases needs besides what its cases declare: a parameter of theirs derives from this.
-
-    Parameters
-    ----------
-    clauses, needs, risks, line, features
-        See `Case`.
-    """
+    """What a row of a table of cases needs besides what its cases declare: a parameter of theirs derives from this."""
 
     clauses: tuple[str, ...] = ()
     needs: tuple[Need, ...] = ()
     risks: tuple[Risk, ...] = ()
     line: LineKind | None = None
     features: Feature = NO_FEATURES
+    """See `Case`."""
 
     def added_to(self, about: Case) -> Case:
         """The declaration of the case with this row."""
@@ -219,10 +201,7 @@ def case_of(function: Callable[..., object]) -> Case | None:
 def expect(what: str, seen: object, wanted: object) -> None:
     """Fail unless the observed value is the wanted one.
 
-    Raises
-    ------
-    AssertionError
-        With the thing, its value, and the right value.
+    Raises `AssertionError` with the thing, its value, and the right value.
     """
     assert seen == wanted, f"{what} is {_shown(seen, wanted)}, should be {_shown(wanted, seen)}"
 

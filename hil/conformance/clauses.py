@@ -26,44 +26,29 @@ SENTENCE_END = re.compile(r"(?<!e\.g)(?<!i\.e)(\.[)”\"]?)\s+")
 
 @dataclass(frozen=True)
 class Requirement:
-    """A sentence that says MUST.
-
-    Parameters
-    ----------
-    identifier : str
-        ``BLK-003`` if it is the only one of its clause, ``BLK-005/1``, ``BLK-005/2``, … if it is one of several.
-    sentence : str
-        In the words of SPEC.md, on one line.
-    """
+    """A sentence that says MUST."""
 
     identifier: str
+    """``BLK-003`` if it is the only one of its clause, ``BLK-005/1``, ``BLK-005/2``, … if it is one of several."""
     sentence: str
+    """In the words of SPEC.md, on one line."""
 
 
 @dataclass(frozen=True)
 class Clause:
-    """A clause of SPEC.md.
-
-    Parameters
-    ----------
-    identifier : str
-        Such as ``BLK-003``.
-    chapter : str
-        Such as ``BLK``.
-    title : str
-        Of the chapter, such as ``blocks``.
-    sentences : tuple of str
-        Its sentences, in the order of the text, a line each: its prose, and the cells of its tables that say MUST.
-        Other cells, examples and diagrams are left out.
-    requirements : tuple of Requirement
-        Those of the sentences that say MUST.
-    """
+    """A clause of SPEC.md."""
 
     identifier: str
+    """Such as ``BLK-003``."""
     chapter: str
+    """Such as ``BLK``."""
     title: str
+    """Of the chapter, such as ``blocks``."""
     sentences: tuple[str, ...]
+    """Its sentences, in the order of the text, a line each: its prose, and the cells of its tables that say MUST. Other
+    cells, examples and diagrams are left out."""
     requirements: tuple[Requirement, ...]
+    """Those of the sentences that say MUST."""
 
     @property
     def text(self) -> str:
@@ -118,22 +103,9 @@ def requirements() -> Mapping[str, Requirement]:
 
 
 def resolve(name: str) -> Clause | Requirement:
-    """The clause or requirement of a name.
+    """The requirement of a name such as ``BLK-005/2``, or else the clause, which has several requirements or none.
 
-    Parameters
-    ----------
-    name : str
-        ``BLK-003`` or ``BLK-005/2``.
-
-    Returns
-    -------
-    Clause or Requirement
-        The requirement of this name, or else the clause, which has several requirements or none.
-
-    Raises
-    ------
-    ValueError
-        If there is no such clause, or no such requirement in it.
+    Raises `ValueError` if there is no such clause, or no such requirement in it.
     """
     found = requirements().get(name) or clauses().get(name)
     if found is None:
@@ -157,10 +129,7 @@ def _what_there_is(name: str) -> str:
 def read_clauses(text: str) -> Iterator[Clause]:
     """The clauses of a text that is written like SPEC.md.
 
-    Raises
-    ------
-    ValueError
-        If a clause stands under no chapter's heading, or under that of another chapter.
+    Raises `ValueError` if a clause stands under no chapter's heading, or under that of another chapter.
     """
     chapter, title = "", ""
     identifier: str | None = None

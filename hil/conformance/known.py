@@ -22,12 +22,8 @@ _CASE = re.compile(r"[^/\s]+/\S.*")
 def read_known_failures(path: FilePath) -> dict[str, str]:
     """Cases that are expected to fail, and why.
 
-    Raises
-    ------
-    InputFileError
-        If the file is no TOML, or an entry names no case or has no reason; it says which, and what would be right.
-    OSError
-        If the file cannot be read.
+    Raises `InputFileError` if the file is no TOML, or an entry names no case or has no reason; it says which, and what
+    would be right, and `OSError` if the file cannot be read.
     """
     whole = read_table(path)
     reasons = {}

@@ -162,19 +162,9 @@ class PluggedLevers(Levers):
 
 
 def open_levers(texts: Iterable[str], stack: ExitStack) -> PluggedLevers:
-    """Open levers by their texts; if two can do the same, the first does it.
+    """Open levers by texts such as ``command:power=usbrelay BITFT_1={}``; if two can do the same, the first does it.
 
-    Parameters
-    ----------
-    texts : iterable of str
-        Such as ``command:power=usbrelay BITFT_1={}``.
-    stack : ExitStack
-        Closes them.
-
-    Raises
-    ------
-    ValueError
-        If a scheme is unknown, or the rest of a text is wrong.
+    The stack closes them. Raises `ValueError` if a scheme is unknown, or the rest of a text is wrong.
     """
     parts = []
     for text in texts:
@@ -186,12 +176,7 @@ def open_levers(texts: Iterable[str], stack: ExitStack) -> PluggedLevers:
 
 
 class EmulatorLevers(Levers):
-    """The levers of an emulated device in this process.
-
-    Parameters
-    ----------
-    emulator : Emulator
-    """
+    """The levers of an emulated device in this process."""
 
     def __init__(self, emulator: Emulator) -> None:
         self._emulator = emulator
@@ -263,10 +248,7 @@ class _Command:
     def switch(self, *, on: bool) -> str:
         """Run it; returns its command line and its output.
 
-        Raises
-        ------
-        BenchError
-            If it cannot be run, does not end, or ends with another code than 0; it tells its output.
+        Raises `BenchError` if it cannot be run, does not end, or ends with another code than 0; it tells its output.
         """
         line = _SWITCHED.sub(lambda found: (found[1] if on else found[2]) or ("on" if on else "off"), self._template)
         try:

@@ -55,16 +55,9 @@ class CaseLog:
         self._over: int | None = None
 
     def note(self, label: str, what: object, traffic: Traffic = Traffic.OTHER, setup: bytes = b"") -> None:
-        """Keep something as evidence; bytes are shown in hexadecimal.
+        """Keep something as evidence; bytes are shown in hexadecimal, and explained by their kind of traffic.
 
-        Parameters
-        ----------
-        label : str
-        what : object
-        traffic : Traffic
-            What bytes are; a request is its setup stage and its data.
-        setup : bytes
-            The setup stage of the request that bytes answer.
+        A request is its setup stage and its data; its answer comes with that setup stage.
         """
         shown = bytes(what) if isinstance(what, bytes | bytearray) else str(what)
         during = sys.exception()

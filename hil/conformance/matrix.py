@@ -25,21 +25,14 @@ __all__ = ["Chapter", "Claim", "ClauseRows", "Level", "Matrix", "MatrixRow"]
 
 @dataclass(frozen=True)
 class Claim:
-    """What a case claims to show.
-
-    Parameters
-    ----------
-    case : str
-        ``group/name-of-the-case``, with ``[parameter]`` if it has some.
-    clauses : tuple of str
-        Such as ``BLK-003`` or, of several MUSTs in a clause, ``BLK-005/1``.
-    sentence : str
-        What it does and why.
-    """
+    """What a case claims to show."""
 
     case: str
+    """``group/name-of-the-case``, with ``[parameter]`` if it has some."""
     clauses: tuple[str, ...]
+    """Such as ``BLK-003`` or, of several MUSTs in a clause, ``BLK-005/1``."""
     sentence: str
+    """What it does and why."""
 
 
 class Level(StrEnum):
@@ -53,26 +46,17 @@ class Level(StrEnum):
 
 @dataclass(frozen=True)
 class MatrixRow:
-    """A requirement, or the rest of a clause.
-
-    Parameters
-    ----------
-    name : str
-        That of the requirement, or else of the clause: ``BLK-005/1``, ``BLK-012``.
-    sentence : str
-        In the words of SPEC.md; empty if the clause is only a table.
-    level : Level
-    cases : tuple of str
-        The cases that name it, in the order of the claims.
-    reason : str or None
-        For a requirement: why no case can show it.
-    """
+    """A requirement, or the rest of a clause."""
 
     name: str
+    """That of the requirement, or else of the clause: ``BLK-005/1``, ``BLK-012``."""
     sentence: str
+    """In the words of SPEC.md; empty if the clause is only a table."""
     level: Level
     cases: tuple[str, ...]
+    """The cases that name it, in the order of the claims."""
     reason: str | None = None
+    """For a requirement: why no case can show it."""
 
 
 @dataclass(frozen=True)
@@ -94,33 +78,19 @@ class Chapter:
 
 @dataclass(frozen=True)
 class Matrix:
-    """Clauses, requirements and cases.
-
-    Parameters
-    ----------
-    chapters : tuple of Chapter
-        All of SPEC.md, in the order of the text.
-    claims : tuple of Claim
-        All cases, as they were given.
-    """
+    """Clauses, requirements and cases."""
 
     chapters: tuple[Chapter, ...]
+    """All of SPEC.md, in the order of the text."""
     claims: tuple[Claim, ...]
+    """All cases, as they were given."""
 
     @classmethod
     def of(cls, claims: Iterable[Claim], reasons: Mapping[str, str] = REASONS) -> Matrix:
-        """The matrix of some cases.
+        """The matrix of some cases, with reasons for the requirements that no case can show.
 
-        Parameters
-        ----------
-        claims : iterable of Claim
-        reasons : mapping of str to str
-            Requirements that no case can show, and why.
-
-        Raises
-        ------
-        ValueError
-            If a case names what SPEC.md does not have, or a reason is given for something that is no requirement.
+        Raises `ValueError` if a case names what SPEC.md does not have, or a reason is given for something that is no
+        requirement.
         """
         claims = tuple(claims)
         cases: dict[str, list[str]] = defaultdict(list)

@@ -6,10 +6,11 @@ Only this module knows that pytest runs the cases. An unknown clause fails colle
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import reduce
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -22,6 +23,9 @@ from .matrix import Claim
 from .profile import Profile
 from .verdicts import AT_THE_OUTPUTS, Evidence, Result, Verdict
 
+if TYPE_CHECKING:
+    from .running import RunOptions
+
 __all__ = ["Catalogue", "CatalogueCase", "Judge", "Watcher", "case_id", "selected", "wanted"]
 
 PREFIX = "test_"
@@ -31,18 +35,12 @@ CLOCK_CLAUSE = "TIM-002"
 
 @dataclass(frozen=True)
 class CatalogueCase:
-    """A case in the catalogue, or the part of one that only the outputs show.
-
-    Parameters
-    ----------
-    identifier : str
-        ``group/name[parameter]``; for that part ``group/name#outputs[parameter]``.
-    about : Case
-        Its declaration.
-    """
+    """A case in the catalogue, or the part of one that only the outputs show."""
 
     identifier: str
+    """``group/name[parameter]``; for that part ``group/name#outputs[parameter]``."""
     about: Case
+    """Its declaration."""
 
     @property
     def claim(self) -> Claim:
@@ -100,34 +98,33 @@ class Catalogue:
 
     Attributes
     ----------
-    entries : list of CatalogueCase
+    cases : list of tuple of CatalogueCase
+        The parts of each case.
+    trouble : list of str
+        What could not be collected.
     """
 
     def __init__(self) -> None:
-        self.entries: list[CatalogueCase] = []
+        self.cases: list[tuple[CatalogueCase, ...]] = []
         self.trouble: list[str] = []
 
+    @property
+    def entries(self) -> list[CatalogueCase]:
+        """The parts of all cases."""
+        return [part for parts in self.cases for part in parts]
+
     def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
-        """Note the cases."""
-        entries, trouble = _entries(items)
-        self.entries = [part for parts in entries for part in parts]
-        self.trouble += trouble
+        """Note the cases, and an error for anything else."""
+        for item in items:
+            if _about(item) is None:
+                self.trouble.append(f"{item.nodeid} is no case: it has no decorator `case`")
+            else:
+                self.cases.append(_parts(item))
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         """Note collection errors."""
         if report.failed:
             self.trouble.append(f"{report.nodeid}: {report.longrepr}")
-
-
-def _entries(items: list[pytest.Function]) -> tuple[list[tuple[CatalogueCase, ...]], list[str]]:
-    """The parts of each case, and an error for anything else."""
-    entries, trouble = [], []
-    for item in items:
-        if _about(item) is None:
-            trouble.append(f"{item.nodeid} is no case: it has no decorator `case`")
-        else:
-            entries.append(_parts(item))
-    return entries, trouble
 
 
 def _parts(item: pytest.Function) -> tuple[CatalogueCase, ...]:
@@ -137,9 +134,8 @@ def _parts(item: pytest.Function) -> tuple[CatalogueCase, ...]:
     if not about.outputs:
         return (CatalogueCase(identifier, about),)
     name, bracket, parameter = identifier.partition("[")
-    return CatalogueCase(identifier, about), CatalogueCase(
-        f"{name}{AT_THE_OUTPUTS}{bracket}{parameter}", about.at_the_outputs
-    )
+    outputs = CatalogueCase(f"{name}{AT_THE_OUTPUTS}{bracket}{parameter}", about.at_the_outputs)
+    return CatalogueCase(identifier, about), outputs
 
 
 class Watcher:
@@ -155,70 +151,52 @@ class Watcher:
         """Somebody must do something before the run can go on."""
 
 
-@dataclass(eq=False)  # pytest before 9.1 needs plugins that can be hashed
-class Judge:
+class Judge(Catalogue):
     """Runs the cases against a bench and collects their results.
 
     Parameters
     ----------
     bench : Bench
-    profile : Profile
-        What does not apply to the device.
-    known : mapping of str to str
-        The known failures and their reasons.
-    only : tuple of str
-        The names that select cases.
-    enough : int or None
-        After so many cases that break the run no further one is judged; None for all.
+    options : RunOptions
     watcher : Watcher
-    again : bool
-        Whether a case that failed is run once more.
+        Receives the progress.
 
     Attributes
     ----------
     results : list of Result
-    trouble : list of str
-    claims : tuple of Claim
-        Of all cases, selected or not.
     interruption : BaseException or None
         What ended the run early.
     """
 
-    bench: Bench
-    profile: Profile
-    known: Mapping[str, str]
-    only: tuple[str, ...]
-    enough: int | None
-    watcher: Watcher
-    again: bool = True
-    results: list[Result] = field(default_factory=list)
-    trouble: list[str] = field(default_factory=list)
-    claims: tuple[Claim, ...] = ()
-    _pending: list[tuple[int, CatalogueCase, list[Callable[[], str]]]] = field(default_factory=list)
-    interruption: BaseException | None = None
-    _outcome: tuple[Verdict, str] = (Verdict.PASS, "")
-    _asked: list[CatalogueCase] = field(default_factory=list)
-    _trying: bool = False
-    _too_slow: bool = False
-    _lost: str | None = None
+    def __init__(self, bench: Bench, options: RunOptions, watcher: Watcher) -> None:
+        super().__init__()
+        self.bench = bench
+        self.options = options
+        self.watcher = watcher
+        self.results: list[Result] = []
+        self.interruption: BaseException | None = None
+        self._asked: list[CatalogueCase] = []
+        self._pending: list[tuple[int, CatalogueCase, list[Callable[[], str]]]] = []
+        self._lost: str | None = None
+        # Of the attempt at hand:
+        self._outcome = Verdict.PASS, ""
+        self._trying = self._too_slow = False
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """What each case claims to show, selected or not."""
+        return tuple(entry.claim for entry in self.entries)
 
     def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
         """Leave out what was not selected."""
-        cases, trouble = _entries(items)
-        entries = [part for parts in cases for part in parts]
-        self.claims = tuple(entry.claim for entry in entries)
-        self.trouble += trouble
-        known = {name for entry in entries for name in (entry.identifier, entry.identifier.partition("[")[0])}
-        self.trouble += [f"the known failure {name!r} names no case" for name in self.known if name not in known]
-        self.trouble += _naming_nothing(self.profile, known | {entry.group for entry in entries})
-        self._asked = [part for parts in cases if any(wanted(each, self.only) for each in parts) for part in parts]
+        super().pytest_collection_modifyitems(items)
+        entries, only, known = self.entries, self.options.only, self.options.known
+        names = {name for entry in entries for name in (entry.identifier, entry.identifier.partition("[")[0])}
+        self.trouble += [f"the known failure {name!r} names no case" for name in known if name not in names]
+        self.trouble += _naming_nothing(self.options.profile, names | {entry.group for entry in entries})
+        self._asked = [part for parts in self.cases if any(wanted(each, only) for each in parts) for part in parts]
         asked = {entry.identifier for entry in self._asked}
         items[:] = [item for item in items if case_id(item) in asked]
-
-    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        """Note collection errors."""
-        if report.failed:
-            self.trouble.append(f"{report.nodeid}: {report.longrepr}")
 
     @pytest.fixture(name="bench")
     def fixture(self, request: pytest.FixtureRequest) -> Iterator[Bench]:
@@ -250,7 +228,7 @@ class Judge:
         if self._lost is not None:
             raise Inconclusive(self._lost)
         about = entry.about
-        reason = self.profile.reason_for(entry.identifier, entry.group, about.clauses, about.since)
+        reason = self.options.profile.reason_for(entry.identifier, entry.group, about.clauses, about.since)
         if reason is not None:
             raise NotApplicable(reason)
         needed = about.features | (Feature.CONSOLE if about.line == "serial" else Feature(0))
@@ -284,7 +262,7 @@ class Judge:
             self.bench.slowness = before  # more time did not help
         if self.interruption is not None:
             return True  # no verdict was reached
-        if any(result.verdict is Verdict.FAIL for result in results) and self.again and self._lost is None:
+        if any(result.verdict is Verdict.FAIL for result in results) and self.options.again and self._lost is None:
             fresh = self.bench.begin_anew()
             again = self._try(item, parts)
             if self.interruption is None:
@@ -296,8 +274,9 @@ class Judge:
         for result in map(self._expected, results):
             self.results.append(result)
             self.watcher.ended(result)
-        if self.enough is not None and len({result.whole for result in self.results if result.breaks}) >= self.enough:
-            item.session.shouldstop = f"{self.enough} cases broke, which is enough"
+        enough = self.options.enough
+        if enough is not None and len({result.whole for result in self.results if result.breaks}) >= enough:
+            item.session.shouldstop = f"{enough} cases broke, which is enough"
         return True
 
     @property
@@ -320,13 +299,12 @@ class Judge:
         else:
             self._outcome, self._trying = (Verdict.PASS, ""), True
             try:
-                item.ihook.pytest_runtest_protocol(
-                    item=item, nextitem=None
-                )  # the next one may be decided without pytest
+                # Without the next item, which may be decided without pytest.
+                item.ihook.pytest_runtest_protocol(item=item, nextitem=None)
             finally:
                 self._trying = False
         wrong = self.bench.line.watch.wrong
-        if wrong and self.profile.reason_for("", "", (CLOCK_CLAUSE,)) is None:
+        if wrong and self.options.profile.reason_for("", "", (CLOCK_CLAUSE,)) is None:
             self._outcome = Verdict.FAIL, "; then: ".join(filter(None, (wrong[0], self._outcome[1])))
             self._too_slow = False
         verdict, reason = self._outcome
@@ -451,12 +429,13 @@ class Judge:
 
     def _expected(self, result: Result) -> Result:
         """The same with the reason why it is known to fail, by its whole name or, if that fails, without parameter."""
-        bare = self.known.get(result.case.partition("[")[0]) if result.verdict is Verdict.FAIL else None
-        return replace(result, known=self.known.get(result.case, bare))
+        known = self.options.known
+        bare = known.get(result.case.partition("[")[0]) if result.verdict is Verdict.FAIL else None
+        return replace(result, known=known.get(result.case, bare))
 
     def _passes(self) -> Iterator[str]:
         """Known failures without parameter of which no part fails any more."""
-        for name in self.known:
+        for name in self.options.known:
             parts = [result for result in self.results if result.case.startswith(f"{name}[")]
             verdicts = {result.verdict for result in parts}
             if Verdict.PASS in verdicts and Verdict.FAIL not in verdicts:

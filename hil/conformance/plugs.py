@@ -16,26 +16,10 @@ __all__ = ["named_emulator", "opener"]
 
 
 def opener(group: str, own: Mapping[str, Callable[..., Any]], text: str) -> tuple[Callable[..., Any], str]:
-    """What opens a text by its scheme.
+    """What opens a text ``SCHEME:REST``, and the rest of it.
 
-    Parameters
-    ----------
-    group : str
-        Of entry points, whose names are schemes of other packages.
-    own : mapping
-        The schemes of this package.
-    text : str
-        ``SCHEME:REST``.
-
-    Returns
-    -------
-    callable, str
-        What opens it, and the rest of the text.
-
-    Raises
-    ------
-    ValueError
-        If the scheme is unknown, and the known ones are named; or if it cannot be loaded.
+    The schemes are this package's own, and the names of a group of entry points. Raises `ValueError` if the scheme is
+    unknown, and names the known ones; or if it cannot be loaded.
     """
     scheme, colon, rest = text.partition(":")
     there = entries(group)
@@ -51,13 +35,7 @@ def opener(group: str, own: Mapping[str, Callable[..., Any]], text: str) -> tupl
 
 
 def named_emulator(serial: str) -> Emulator:
-    """The emulated device of this process with a serial number.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """The emulated device of this process with a serial number; raises `ValueError` if there is none."""
     emulator = open_emulator(serial)
     if emulator is None:
         raise ValueError(f"emulator:{serial} goes with a device that is emulated in this process alone")

@@ -44,28 +44,19 @@ _GROUP_OR_CASE = re.compile(r"[a-z][^/\s]*(/\S.*)?")
 
 @dataclass(frozen=True)
 class Profile:
-    """The declaration of a device.
-
-    Parameters
-    ----------
-    name : str
-        Its name for people.
-    not_applicable : mapping of str to str
-        Clauses, requirements, groups and cases that do not apply, and why.
-    vendor, product : int, optional
-        Its numbers on USB; None if they are not declared.
-    probes : mapping of str to str
-        The output of each probe of a logic analyser, such as ``b2p1_07`` or ``t160``.
-    revision : int
-        The revision of the specification that it keeps (clause VER-009).
-    """
+    """The declaration of a device."""
 
     name: str = "none"
+    """Its name for people."""
     not_applicable: Mapping[str, str] = field(default_factory=dict)
+    """Clauses, requirements, groups and cases that do not apply, and why."""
     vendor: int | None = None
     product: int | None = None
+    """Its numbers on USB; None if they are not declared."""
     probes: Mapping[str, str] = field(default_factory=dict)
+    """The output of each probe of a logic analyser, such as ``b2p1_07`` or ``t160``."""
     revision: int = PROTOCOL_REVISION
+    """The revision of the specification that it keeps (clause VER-009)."""
 
     def reason_for(self, case_id: str, group: str, clauses: tuple[str, ...], since: int = 1) -> str | None:
         """Why a case does not apply; None if it does.
@@ -89,12 +80,8 @@ class Profile:
 def read_profile(path: FilePath) -> Profile:
     """Read the profile in a file.
 
-    Raises
-    ------
-    InputFileError
-        If the file is no TOML or no profile; it names the key, its value and what would be right.
-    OSError
-        If the file cannot be read.
+    Raises `OSError` if the file cannot be read, and `InputFileError` if it is no TOML or no profile; it names the key,
+    its value and what would be right.
     """
     whole = read_table(path)
     whole.check_keys([NAME, REVISION, NOT_APPLICABLE, DEVICE, CAPTURE])

@@ -35,7 +35,7 @@ from ...protocol.wiring import Wiring
 from .bench import Bench
 from .cases import Risk
 from .levers import open_levers
-from .plugin import Catalogue, CatalogueCase, Judge, Watcher
+from .plugin import PREFIX, Catalogue, CatalogueCase, Judge, Watcher
 from .profile import Profile
 from .sight.opening import capture_of
 from .tools.clocks import load_average
@@ -89,6 +89,8 @@ class RunOptions:
     doors : tuple of str
         The URLs of further lines of the same device. If there are none, the other line of the emulator if it runs in
         this process.
+    groups : tuple of str
+        The groups to collect, by their whole names; empty for all. Nothing is known of the cases of others.
     """
 
     url: str
@@ -102,16 +104,11 @@ class RunOptions:
     enough: int | None = None
     again: bool = True
     doors: tuple[str, ...] = ()
+    groups: tuple[str, ...] = ()
 
 
 def catalogue() -> list[CatalogueCase]:
-    """All cases, in their order.
-
-    Raises
-    ------
-    RuntimeError
-        If one cannot be collected.
-    """
+    """All cases, in their order; raises `RuntimeError` if one cannot be collected."""
     found = Catalogue()
     _pytest(found, "--collect-only")
     if found.trouble:
@@ -144,11 +141,9 @@ def run_conformance(
     """
     began, started, load = datetime.now(UTC), perf_counter(), load_average()
     with open_bench(options) as bench:
-        judge = Judge(
-            bench, options.profile, options.known, options.only, options.enough, watcher or Watcher(), options.again
-        )
+        judge = Judge(bench, options, watcher or Watcher())
         try:
-            _pytest(judge)
+            _pytest(judge, groups=options.groups)
             if judge.interruption is None and judge.awaits_recording and bench.observer is not None:
                 bench.observer.finish(judge.watcher.waits)
                 judge.look()
@@ -184,13 +179,14 @@ def _signal(interruption: BaseException) -> int:
     raise interruption
 
 
-def _pytest(plugin: Catalogue | Judge, *arguments: str) -> None:
+def _pytest(plugin: Catalogue, *arguments: str, groups: Iterable[str] = ()) -> None:
     """Let pytest run the cases with one plugin, and without any configuration of the surroundings."""
+    files = [GROUPS / f"{PREFIX}{group.replace('-', '_')}.py" for group in groups] or [GROUPS]
     plain = ["--assert=plain"]  # cases describe errors in words
     quiet = ["-p", "no:terminal", "-p", "no:cacheprovider", "-p", "no:faulthandler", "-p", "no:logging", "--capture=no"]
     alone = ["--import-mode=importlib", f"--rootdir={GROUPS}", f"--confcutdir={GROUPS}", "-c", os.devnull]
     with _environment(PYTEST_DISABLE_PLUGIN_AUTOLOAD="1", PYTEST_ADDOPTS=""):
-        code = pytest.main([*quiet, *plain, *alone, *arguments, str(GROUPS)], plugins=[plugin])
+        code = pytest.main([*quiet, *plain, *alone, *arguments, *map(str, files)], plugins=[plugin])
     if code == pytest.ExitCode.USAGE_ERROR:
         plugin.trouble.append(f"pytest {pytest.__version__} could not begin; standard error says why")
 

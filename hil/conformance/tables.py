@@ -19,21 +19,14 @@ __all__ = ["Table", "read_table"]
 
 @dataclass(frozen=True)
 class Table:
-    """A table of a TOML file, and its place.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    name : str
-        The table's name; empty for the whole file.
-    values : dict
-        What is in it.
-    """
+    """A table of a TOML file, and its place."""
 
     path: FilePath
+    """The file."""
     name: str
+    """The table's name; empty for the whole file."""
     values: dict[str, Any]
+    """What is in it."""
 
     def error(self, key: str, problem: str) -> InputFileError:
         """An exception about a key of this table."""
@@ -75,11 +68,6 @@ def _written(key: str) -> str:
 def read_table(path: FilePath) -> Table:
     """The whole of a TOML file.
 
-    Raises
-    ------
-    InputFileError
-        If it is no TOML, or not UTF-8.
-    OSError
-        If it cannot be read.
+    Raises `InputFileError` if it is no TOML, or not UTF-8, and `OSError` if it cannot be read.
     """
     return Table(path, "", read_toml(path))

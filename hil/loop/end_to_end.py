@@ -6,6 +6,7 @@ bits, and the best possible pulse from trying every pulse in the closed form (2/
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -27,7 +28,7 @@ from ...protocol.replies import Ack
 from ...protocol.wiring import Wiring
 from ...solver import PlaneField, Solution, TransducerArray, pressure, sample_plane, transfer_matrix
 
-__all__ = ["Check", "EndToEnd", "emission", "emission_checks", "nearest_emission", "run_end_to_end"]
+__all__ = ["Check", "CheckedRun", "EndToEnd", "emission", "emission_checks", "nearest_emission", "run_end_to_end"]
 
 PERIODS_WATCHED = 4
 NUMERICAL = 1e-9  # of full drive: double precision over the whole path loses less than a millionth of this bound
@@ -48,8 +49,21 @@ class Check:
         return self.value <= self.limit
 
 
+class CheckedRun(ABC):
+    """What was intended, what was played, and the difference."""
+
+    @abstractmethod
+    def checks(self) -> list[Check]:
+        """All requirements; the verdict is good if all are met."""
+
+    @property
+    def passed(self) -> bool:
+        """The verdict."""
+        return all(check.passed for check in self.checks())
+
+
 @dataclass(frozen=True, eq=False)
-class EndToEnd:
+class EndToEnd(CheckedRun):
     """What was intended, what was played, and the difference.
 
     Parameters
@@ -132,11 +146,6 @@ class EndToEnd:
             *emission_checks(self.solution, self.rebuilt, self.nearest),
         ]
 
-    @property
-    def passed(self) -> bool:
-        """The verdict."""
-        return all(check.passed for check in self.checks())
-
     def record(self) -> dict[str, Any]:
         """Everything as numbers, for JSON."""
         intended, rebuilt = self.pressures(self.solution.drive), self.pressures(self.rebuilt)
@@ -161,14 +170,8 @@ def emission_checks(
 ) -> list[Check]:
     """The requirements on what was emitted, and on what arrives.
 
-    Parameters
-    ----------
-    solution : Solution
-        The intended drive and its control points.
-    rebuilt, nearest : (n,) complex
-        The drive as emitted, and as quantisation alone explains it.
-    built : TransducerArray, optional
-        Where the transducers really are; by default where the solution has them.
+    They compare the intended drive with the drive as emitted and with what quantisation alone explains, both (n,)
+    complex; `built` is where the transducers really are, if it is not where the solution has them.
     """
     intended = solution.drive
     explained = np.abs(nearest - intended)

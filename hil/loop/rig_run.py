@@ -18,13 +18,13 @@ from ...host import DeviceGroup
 from ...protocol.board import CYCLES_PER_TICK, TICKS_PER_PERIOD
 from ...protocol.replies import Ack
 from ...solver import Solution, TransducerArray, pressure
-from .end_to_end import PERIODS_WATCHED, Check, emission, emission_checks, nearest_emission
+from .end_to_end import PERIODS_WATCHED, Check, CheckedRun, emission, emission_checks, nearest_emission
 
 __all__ = ["RigRun", "run_rig"]
 
 
 @dataclass(frozen=True, eq=False)
-class RigRun:
+class RigRun(CheckedRun):
     """What was intended for a rig, what its devices played, and the difference.
 
     Parameters
@@ -77,11 +77,6 @@ class RigRun:
             Check("devices off the first one's tick", off, 0, f"of {len(self.begins)}"),
             *emission_checks(self.solution, self.rebuilt, nearest_emission(self.solution.drive), self.built),
         ]
-
-    @property
-    def passed(self) -> bool:
-        """The verdict."""
-        return all(check.passed for check in self.checks())
 
 
 def run_rig(

@@ -64,21 +64,14 @@ class LatencyStage(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TouchLatency:
-    """The path from hands to the outputs.
-
-    Parameters
-    ----------
-    host : (k, 4) float
-        Seconds of each of `STAGES`, for each of k poses.
-    device : tuple of Span
-        The busy spans of the device for the last pose, with 0 when the bus began to carry its block.
-    points : int
-        Control points of the last pose.
-    """
+    """The path from hands to the outputs."""
 
     host: NDArray[np.float64]
+    """(k, 4) float; seconds of each of `STAGES`, for each of k poses."""
     device: tuple[Span, ...]
+    """The busy spans of the device for the last pose, with 0 when the bus began to carry its block."""
     points: int
+    """Control points of the last pose."""
 
     @property
     def first_tick(self) -> float:
@@ -121,21 +114,8 @@ def measure_touch_latency(
 ) -> TouchLatency:
     """Move hands that touch objects a little, and follow each pose to the outputs of a fresh emulated device.
 
-    Parameters
-    ----------
-    hands, objects : sequence of Hand, of Mesh
-        The hands and the objects that they touch.
-    toucher : Toucher
-        Finds the points; its state of earlier frames is reset.
-    method : str
-        The solving method.
-    poses : int
-        The number of measured poses, at least 1.
-
-    Raises
-    ------
-    ValueError
-        If nothing is touched, or the array cannot reach it.
+    The toucher's state of earlier frames is reset. Raises `ValueError` if nothing is touched, or the array cannot reach
+    it.
     """
     toucher.forget()
     solver, rows = TwoSidedSolver(TransducerArray.grid(), method), []

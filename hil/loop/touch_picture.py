@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,9 +38,6 @@ OBJECT, HAND, ARC = INK, ORANGE, BLUE
 HALVES = (("points of the first half", RED, "o"), ("points of the second half", GREEN, "^"))
 WHOLE = (("control points", RED, "o"),)
 
-Kinds = Sequence[tuple[str, str, str]]
-"""Label, colour and marker of each kind of points."""
-
 
 def save_touch_picture(
     path: FilePath,
@@ -49,20 +48,12 @@ def save_touch_picture(
     array: TransducerArray,
     source: str | None,
 ) -> None:
-    """Draw what touches what, and the resulting field.
+    """Draw what touches what, and the resulting field, in the format of the path's suffix.
 
     Parameters
     ----------
-    path : str or Path
-        The file; its suffix is the format.
-    hands, objects : sequence of Hand, of Mesh
-        The scene.
-    touch : Touch
-        Their contact.
     emitted : Modulation
         What the device plays: its drives rebuilt from bits or from pulses that were read back.
-    array : TransducerArray
-        The array that plays it.
     source : str or None
         What the drives were rebuilt from, for the caption; None if they are as solved.
 
@@ -73,47 +64,63 @@ def save_touch_picture(
     """
     if touch.points is None:
         raise ValueError("no hand touches an object: there is no field to draw")
-    at = touch.points.positions
-    fields = np.abs([pressure(array, drive, at) for drive in _sounding(emitted)])
-    kinds: Kinds = HALVES if len(fields) == 2 else WHOLE
-    louder = fields.argmax(axis=0) if len(fields) == 2 else np.zeros(len(at), np.intp)
-    grid = plane_of(at, float(array.positions[:, 2].max()))
+    scene = _Scene(hands, objects, touch, touch.points.positions, emitted, array)
     figure = new_figure(5.6, LANDSCAPE)
     sides = figure.add_gridspec(1, 2, width_ratios=[1, 1.08])
     left, right = figure.add_subfigure(sides[0]), figure.add_subfigure(sides[1])
     space: Axes3D = left.add_subplot(projection="3d")
-    _draw_scene(space, hands, objects, touch, kinds, louder, array, grid)
-    axes = right.subplots()
-    _draw_plane(axes, hands, touch, kinds, louder, emitted, array, grid)
+    _draw_scene(space, scene)
+    _draw_plane(right.subplots(), scene)
     left.legend(
         *space.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False, fontsize="small"
     )
-    figure.suptitle(f"{counted(len(at), 'control point')} on {counted(len(touch.arcs), 'arc')}")
-    figure.supxlabel(_caption(touch, fields.max(axis=0), emitted, array, source), fontsize="medium")
+    figure.suptitle(f"{counted(len(scene.at), 'control point')} on {counted(len(touch.arcs), 'arc')}")
+    figure.supxlabel(_caption(scene, source), fontsize="medium")
     save_figure(figure, path)
 
 
-def _sounding(emitted: Modulation) -> NDArray[np.complex128]:
-    """The drives of all samples that are not silent, (s, n)."""
-    drives = emitted.weights @ emitted.drives
-    return drives[drives.any(axis=1)] if drives.any() else drives[:1]
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """What both parts of the picture show."""
+
+    hands: Sequence[Hand]
+    objects: Sequence[Mesh]
+    touch: Touch
+    at: NDArray[np.float64]
+    """(m, 3) places of the control points, in metres."""
+    emitted: Modulation
+    array: TransducerArray
+
+    @cached_property
+    def drives(self) -> NDArray[np.complex128]:
+        """The drives of all samples that are not silent, (s, n)."""
+        drives = self.emitted.weights @ self.emitted.drives
+        return drives[drives.any(axis=1)] if drives.any() else drives[:1]
+
+    @cached_property
+    def pressures(self) -> NDArray[np.float64]:
+        """|p| at the control points by each of these drives, (s, m) in Pa."""
+        return np.abs([pressure(self.array, drive, self.at) for drive in self.drives])
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The plane of the field."""
+        return plane_of(self.at, float(self.array.positions[:, 2].max()))
+
+    @property
+    def kinds(self) -> Iterator[tuple[str, str, str, NDArray[np.bool_]]]:
+        """Label, colour and marker of each kind of control points, and which of them these are."""
+        louder = self.pressures.argmax(axis=0)
+        in_halves = len(self.pressures) == 2
+        for number, (label, colour, marker) in enumerate(HALVES if in_halves else WHOLE):
+            yield label, colour, marker, louder == number if in_halves else np.ones(len(self.at), bool)
 
 
 def plane_of(points: NDArray[np.float64], floor: float) -> Grid:
-    """The plane nearest to points, as a square that shows them and stays above a height.
+    """The plane nearest to points (m, 3), as a square that shows them and stays above the array's height, in metres.
 
-    Parameters
-    ----------
-    points : (m, 3) float
-        In metres.
-    floor : float
-        Height of the array in metres.
-
-    Returns
-    -------
-    Grid
-        The plane's normal is the direction in which the points vary least; points that lie on a line get the plane
-        that is the most horizontal. Its first axis is as near to x as the plane allows.
+    Its normal is the direction in which the points vary least; points that lie on a line get the plane that is the most
+    horizontal. Its first axis is as near to x as the plane allows.
     """
     mean = points.mean(axis=0)
     _, extents, directions = np.linalg.svd(points - mean, full_matrices=True)
@@ -143,19 +150,9 @@ def plane_of(points: NDArray[np.float64], floor: float) -> Grid:
 
 
 def outline(mesh: Mesh, towards: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The edges that show a mesh: its silhouette, its sharp edges and its borders.
+    """The edges that show a mesh from a direction (3,): its silhouette, its sharp edges and its borders.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Of any number of faces.
-    towards : (3,) float
-        Direction to the viewer.
-
-    Returns
-    -------
-    seen, hidden : (k, 2, 3) float
-        Lines in metres; hidden ones have both faces turned away.
+    Lines that are seen and lines that are hidden, (k, 2, 3) each, in metres; hidden ones have both faces turned away.
     """
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -170,43 +167,34 @@ def outline(mesh: Mesh, towards: NDArray[np.float64]) -> tuple[NDArray[np.float6
     return lines[drawn & ~hidden], lines[drawn & hidden]
 
 
-def _draw_scene(
-    axes: Axes3D,
-    hands: Sequence[Hand],
-    objects: Sequence[Mesh],
-    touch: Touch,
-    kinds: Kinds,
-    louder: NDArray[np.intp],
-    array: TransducerArray,
-    grid: Grid,
-) -> None:
+def _draw_scene(axes: Axes3D, scene: _Scene) -> None:
     """Draw everything in space, in millimetres, all axes alike."""
     from matplotlib.ticker import MultipleLocator
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    assert touch.points is not None
+    array, grid = scene.array, scene.grid
     elevation, azimuth = np.radians([ELEVATION, AZIMUTH])
     towards = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     axes.scatter(*(array.positions * MM).T, s=4, color="0.75", depthshade=False, label="array")
-    for mesh in objects:
+    for mesh in scene.objects:
         for lines, style in zip(outline(mesh, towards), ("-", ":"), strict=True):
             if len(lines):
                 axes.add_collection3d(Line3DCollection(lines * MM, colors=OBJECT, linewidths=1.1, linestyles=style))
-    for hand in hands:
+    for hand in scene.hands:
         axes.add_collection3d(Poly3DCollection(hand.quads * MM, facecolors=HAND, alpha=0.35, linewidths=0))
     half, (first, second) = grid.offsets(0)[-1], grid.axes
     frame = grid.centre + half * np.array(
         [a * first + b * second for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
     )
     axes.plot(*(frame * MM).T, color="0.5", linewidth=0.8, linestyle="--", label="plane of the field")
-    for number, arc in enumerate(touch.arcs):
+    for number, arc in enumerate(scene.touch.arcs):
         axes.plot(*(arc * MM).T, color=ARC, linewidth=2, label="arcs" if number == 0 else None)
-    for kind, (name, colour, marker) in enumerate(kinds):
-        mine = touch.points.positions[louder == kind] * MM
-        axes.scatter(*mine.T, color=colour, marker=marker, s=34, depthshade=False, label=name)
+    for name, colour, marker, mine in scene.kinds:
+        axes.scatter(*(scene.at[mine] * MM).T, color=colour, marker=marker, s=34, depthshade=False, label=name)
     axes.plot([], [], color=OBJECT, label="object")
     axes.plot([], [], color=HAND, linewidth=6, alpha=0.4, label="hand")
-    shown = [array.positions, *(mesh.vertices for mesh in objects), *(hand.quads.reshape(-1, 3) for hand in hands)]
+    shown = [array.positions, *(mesh.vertices for mesh in scene.objects)]
+    shown += [hand.quads.reshape(-1, 3) for hand in scene.hands]
     low, high = (getattr(np.concatenate(shown), which)(axis=0) * MM for which in ("min", "max"))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set(xlabel="x / mm", ylabel="y / mm", zlabel="z / mm")
@@ -220,19 +208,10 @@ def _draw_scene(
     axes.view_init(ELEVATION, AZIMUTH)
 
 
-def _draw_plane(
-    axes: Axes,
-    hands: Sequence[Hand],
-    touch: Touch,
-    kinds: Kinds,
-    louder: NDArray[np.intp],
-    emitted: Modulation,
-    array: TransducerArray,
-    grid: Grid,
-) -> None:
+def _draw_plane(axes: Axes, scene: _Scene) -> None:
     """Draw the largest |p| of all fields in turn over the plane, and what lies in it."""
-    assert touch.points is not None
-    fields = np.stack([sample_cut(array, drive, grid).pressure for drive in _sounding(emitted)])
+    at, grid = scene.at, scene.grid
+    fields = np.stack([sample_cut(scene.array, drive, grid).pressure for drive in scene.drives])
     largest = np.take_along_axis(fields, np.abs(fields).argmax(axis=0)[None], axis=0)[0]
     PlaneField(grid, largest, Medium()).plot(axes)
     shift = np.array([grid.coordinates(axis)[1][0] - grid.offsets(axis)[0] for axis in (0, 1)])
@@ -243,18 +222,17 @@ def _draw_plane(
     def near(places: NDArray[np.float64]) -> NDArray[np.bool_]:
         return np.abs((places - grid.centre) @ grid.normal) < IN_PLANE
 
-    for number, hand in enumerate(hands):
+    for number, hand in enumerate(scene.hands):
         for line in seen_along(hand, grid.axes):
             shown = (line - grid.axes @ grid.centre + shift) * MM
             axes.fill(*shown.T, fill=False, edgecolor="w", alpha=0.8, linewidth=0.9, label=None if number else "hand")
-    for number, arc in enumerate(touch.arcs):
+    for number, arc in enumerate(scene.touch.arcs):
         cut = np.where(near(arc)[:, None], flat(arc), np.nan)
         axes.plot(*cut.T, color=LIGHT, linewidth=0.8, label=None if number else "arcs")
-    at = touch.points.positions
-    for kind, (_, colour, marker) in enumerate(kinds):
-        mine = at[(louder == kind) & near(at)]
-        if len(mine):
-            axes.plot(*flat(mine).T, marker, mfc=colour, mec="w", ms=8, mew=1)
+    for _, colour, marker, mine in scene.kinds:
+        shown = at[mine & near(at)]
+        if len(shown):
+            axes.plot(*flat(shown).T, marker, mfc=colour, mec="w", ms=8, mew=1)
     away = at[~near(at)]
     if len(away):
         axes.plot(*flat(away).T, "x", color="0.6", ms=6, label=f"points more than {IN_PLANE * MM:g} mm off the plane")
@@ -273,13 +251,11 @@ def _name_of(grid: Grid, fields: int) -> str:
     return f"{which} on the plane nearest to the points,\n{where}"
 
 
-def _caption(
-    touch: Touch, loudest: NDArray[np.float64], emitted: Modulation, array: TransducerArray, source: str | None
-) -> str:
-    assert touch.points is not None
-    length = sum(float(np.linalg.norm(np.diff(arc, axis=0), axis=1).sum()) for arc in touch.arcs)
+def _caption(scene: _Scene, source: str | None) -> str:
+    emitted, loudest = scene.emitted, scene.pressures.max(axis=0)
+    length = sum(float(np.linalg.norm(np.diff(arc, axis=0), axis=1).sum()) for arc in scene.touch.arcs)
     harmonics = range(1, max(len(emitted.weights) // 2, 1) + 1)
-    changes = [intensity_component(array, emitted, touch.points.positions, harmonic) for harmonic in harmonics]
+    changes = [intensity_component(scene.array, emitted, scene.at, harmonic) for harmonic in harmonics]
     strongest = int(np.argmax([change.mean() for change in changes]))
     felt, frequency = changes[strongest], harmonics[strongest] * emitted.true_frequency
     return (

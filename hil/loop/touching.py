@@ -21,13 +21,13 @@ from ...protocol.board import CARRIER_HZ, PROCESSORS, TICKS_PER_PERIOD
 from ...protocol.pulses import Pulses
 from ...protocol.replies import Ack
 from ...solver import Modulation, TransducerArray, TwoSided, intensity_component, pressure, transfer_matrix
-from .end_to_end import NUMERICAL, Check, emission, nearest_emission
+from .end_to_end import NUMERICAL, Check, CheckedRun, emission, nearest_emission
 
 __all__ = ["TouchRun", "as_emitted", "run_touch"]
 
 
 @dataclass(frozen=True, eq=False)
-class TouchRun:
+class TouchRun(CheckedRun):
     """What was intended, what was played, and the difference.
 
     Parameters
@@ -125,11 +125,6 @@ class TouchRun:
             ),
         ]
 
-    @property
-    def passed(self) -> bool:
-        """The verdict."""
-        return all(check.passed for check in self.checks())
-
 
 def run_touch(intended: TwoSided, emulator: Emulator) -> TouchRun:
     """Play a two-sided modulation on an emulator, which must be plugged in, by the real host driver and pyusb.
@@ -146,14 +141,9 @@ def run_touch(intended: TwoSided, emulator: Emulator) -> TouchRun:
 
 
 def as_emitted(frames: Sequence[Pulses], hold: int) -> Modulation:
-    """The drives that an emulated device emits for frames in turn, rebuilt from the bits of its outputs.
+    """The drives that an emulated device emits for 1 to 256 frames in turn, rebuilt from the bits of its outputs.
 
-    Parameters
-    ----------
-    frames : sequence of Pulses
-        One to 256, as sent to a device.
-    hold : int
-        Carrier periods for which each is played.
+    Each frame is held for so many carrier periods.
     """
     with Emulator() as emulator:
         ack, capture = _played(frames, [(slot, hold) for slot in range(len(frames))], emulator)

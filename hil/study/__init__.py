@@ -1,7 +1,7 @@
 """The paper's user study, simulated: hands explore objects, and a classifier answers by what skin could feel.
 
 A person (`persons`) explores an object; hands go the whole way to the bits of an emulated device (`trials`); what these
-emit moves the skin, and a noisy person notices some of it (`sensing`, `features`); a classifier that was trained on
+emit moves the skin, and a noisy person notices some of it (`noticing`, `features`); a classifier that was trained on
 other persons answers (`judging`). `pointer` compares two ways to draw a flat shape on a palm. `running` does it all.
 """
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .sensing import Sensed
+from .noticing import Sensed
 
 __all__ = ["FELT", "picture_in_space"]
 

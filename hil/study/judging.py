@@ -56,16 +56,9 @@ class Confusion:
 
     @classmethod
     def of(cls, presented: ArrayLike, answered: ArrayLike, persons: ArrayLike, answers: Sequence[str]) -> Confusion:
-        """Count the trials.
+        """Count the trials by the shapes that were presented and answered, and by who answered, (n,) each.
 
-        Parameters
-        ----------
-        presented, answered : (n,) str
-            Shapes.
-        persons : (n,) int
-            Who answered.
-        answers : sequence of str
-            Possible answers, in the order of the columns; shapes have the same order.
+        Possible answers come in the order of the columns; shapes have the same order.
         """
         true, said, who = np.asarray(presented), np.asarray(answered), np.asarray(persons)
         shapes = tuple(shape for shape in answers if shape in true)
@@ -116,13 +109,7 @@ class Learners(NamedTuple):
 
 
 def learners() -> Learners:
-    """A judge, and its training.
-
-    Raises
-    ------
-    MissingExtraError
-        If scikit-learn is not installed.
-    """
+    """A judge, and its training; raises `MissingExtraError` if scikit-learn is not installed."""
     with needing("study", "the judge of a study"):
         from sklearn.ensemble import RandomForestClassifier
         from sklearn.model_selection import GroupKFold
@@ -139,25 +126,9 @@ def judged(
 ) -> NDArray[np.str_]:
     """The answer to each trial, by a random forest that was trained on the trials of other persons.
 
-    Parameters
-    ----------
-    features : (n, f) float
-        What was sensed in each trial.
-    labels : sequence of str
-        The shape of each.
-    persons : sequence of int
-        Who explored it; at least two.
-    answers : sequence of str, optional
-        The shapes that may be answered: the most probable of them is. All by default.
-    seed : int
-        Of the forest.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two persons.
-    MissingExtraError
-        If scikit-learn is not installed.
+    It learns from what was sensed in each trial, (n, f), the shape and the person. The answer is the most probable of
+    the possible ones; by default all shapes are. Raises `ValueError` if there are fewer than two persons, and
+    `MissingExtraError` if scikit-learn is not installed.
     """
     count = len(np.unique(persons))
     if count < 2:

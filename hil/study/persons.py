@@ -38,28 +38,20 @@ DESCENT, DESCENT_SECONDS = 0.08, 0.5
 
 @dataclass(frozen=True, eq=False)
 class Exploration:
-    """How a hand moves in one trial.
-
-    Parameters
-    ----------
-    hand : Hand
-        The hand with its palm at the origin, level.
-    middle, reach : (3,) float
-        Of the sweeps, in metres.
-    pace : (5,) float
-        Sweeps a second along x, y and z, and tilts about x and y.
-    phase : (5,) float
-        At the beginning, in radians.
-    tilt : (2,) float
-        Most degrees about x and y.
-    """
+    """How a hand moves in one trial."""
 
     hand: Hand
+    """The hand with its palm at the origin, level."""
     middle: NDArray[np.float64]
+    """(3,) float; the middle of the sweeps, in metres."""
     reach: NDArray[np.float64]
+    """(3,) float; how far they go to either side, in metres."""
     pace: NDArray[np.float64]
+    """(5,) float; sweeps a second along x, y and z, and tilts about x and y."""
     phase: NDArray[np.float64]
+    """(5,) float; phases of these at the beginning, in radians."""
     tilt: NDArray[np.float64]
+    """(2,) float; the largest tilts about x and y, in degrees."""
 
     def pose(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The (3, 3) rotation of the hand and the (3,) place of its palm at a time in seconds."""
@@ -77,29 +69,17 @@ class Exploration:
 
 @dataclass(frozen=True)
 class Person:
-    """A hand and habits: the same for the same number and seed.
-
-    Parameters
-    ----------
-    number : int
-        Among the persons of a study.
-    seed : int
-        Of the study.
-    length : float
-        Of the hand, in metres.
-    side : str
-        Of the hand that explores.
-    curl : float
-        Bend of the fingers.
-    reach, pace, tilt, middle : tuple of float
-        As of `Exploration`.
-    """
+    """A hand and habits: the same for the same number and seed."""
 
     number: int
     seed: int
     length: float
+    """Length of the hand, in metres."""
     side: Side
+    """Side of the hand that explores."""
     curl: float
+    """Bend of the fingers, 1 in a fist."""
+    # As of `Exploration`:
     middle: tuple[float, ...]
     reach: tuple[float, ...]
     pace: tuple[float, ...]

@@ -29,7 +29,7 @@ from ...solver import Circle, Polygon, Solver, TransducerArray
 from ...solver.rendering.outline import Outline
 from ..sound.emission import emitted_waves
 from .judging import Confusion, answered, judged
-from .sensing import EVERY, HAND_ERROR, SPACING, WINDOW_SECONDS, blurred, cells_of, noticed, over_time
+from .noticing import EVERY, HAND_ERROR, SPACING, WINDOW_SECONDS, blurred, cells_of, noticed, over_time
 
 __all__ = [
     "FLAT_SHAPES",
@@ -66,16 +66,11 @@ steps within each window of time."""
 
 @dataclass(frozen=True, eq=False)
 class Pointer:
-    """Answers to both ways.
-
-    Parameters
-    ----------
-    outline, pointer : Confusion
-        Answers to flat shapes as a static outline, and as a moving pointer.
-    """
+    """Answers to both ways."""
 
     outline: Confusion
     pointer: Confusion
+    """Answers to flat shapes as a static outline, and as a moving pointer."""
 
     @property
     def better(self) -> float:

@@ -20,9 +20,9 @@ from ...solver.contact.mesh import Mesh
 from ...solver.contact.solids import SOLIDS
 from .features import picture_in_space
 from .judging import Confusion, judged, learners
+from .noticing import felt_on_hand, sensed
 from .persons import Person
 from .pointer import Pointer, run_pointer
-from .sensing import felt_on_hand, sensed
 from .trials import explored
 
 __all__ = ["PRACTISED", "SECONDS", "Study", "Trial", "run_study", "run_trial", "run_trials", "trials_of"]

@@ -38,25 +38,10 @@ class PlayedTrial(NamedTuple):
 def explored(
     mesh: Mesh, path: Exploration, seconds: float, array: TransducerArray, *, silent: bool = False
 ) -> PlayedTrial:
-    """Let a hand explore an object on a fresh emulated device.
+    """Let a hand explore an object for so many seconds on a fresh emulated device.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The object, in its place.
-    path : Exploration
-        How the hand moves.
-    seconds : float
-        Of the path.
-    array : TransducerArray
-        Of the device.
-    silent : bool
-        Whether the field is switched off: all drives are 0, and the rest goes on as always.
-
-    Notes
-    -----
-    Hands are not predicted, because the prediction follows the speed of this computer: so the same path makes the same
-    bits. Time passes by the device's clock only.
+    With `silent` all drives are 0, and the rest goes on as always. Hands are not predicted, because the prediction
+    follows the speed of this computer: so the same path makes the same bits. Time passes by the device's clock only.
     """
     begun: list[float] = []
 

@@ -76,10 +76,7 @@ class Crew(Protocol):
     def measured(self, tasks: Sequence[Task]) -> Iterator[tuple[int, RowResult]]:
         """Rows and their results, as they end.
 
-        Raises
-        ------
-        ClusterError
-            If workers are lost, and others cannot do their rows.
+        Raises `ClusterError` if workers are lost, and others cannot do their rows.
         """
         ...
 
@@ -98,25 +95,11 @@ def check_crew(on: str, workers: int | None) -> None:
 
 @contextmanager
 def open_crew(on: str, workers: int | None = None) -> Iterator[Crew]:
-    """Start a crew, or connect to it.
+    """Start a crew by its name or the address of a scheduler of Dask, such as ``tcp://HOST:8786``, or connect to it.
 
-    Parameters
-    ----------
-    on : str
-        ``serial``, ``threads``, ``processes``, or the address of a scheduler of Dask, such as ``tcp://HOST:8786``.
-    workers : int, optional
-        Of threads and processes; as many as cores by default.
-
-    Raises
-    ------
-    ValueError
-        As `check_crew`.
-    MissingExtraError
-        If Dask is not installed.
-    ClusterNotFoundError
-        If no scheduler answers, or it has no workers.
-    ClusterError
-        If other versions run there, or workers cannot be started.
+    Threads and processes have so many workers, by default as many as cores. Raises `ValueError` as `check_crew`,
+    `MissingExtraError` if Dask is not installed, `ClusterNotFoundError` if no scheduler answers or it has no workers,
+    and `ClusterError` if other versions run there or workers cannot be started.
     """
     check_crew(on, workers)
     if on == SERIAL:

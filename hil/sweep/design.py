@@ -157,10 +157,8 @@ class Design:
     def read(cls, values: Mapping[str, object]) -> Self:
         """A design from the values of a file, or from texts.
 
-        Raises
-        ------
-        ValueError
-            If a field is unknown or missing, or a value is of the wrong kind or out of range; it names all that are.
+        Raises `ValueError` if a field is unknown or missing, or a value is of the wrong kind or out of range; it names
+        all that are.
         """
         known: dict[str, Any] = {"source": None} | {name: value for name, value in values.items() if name in FIELDS}
         problems = [

@@ -42,21 +42,8 @@ def journal_path(output: Path) -> Path:
 class Journal:
     """Open, and locked against a second sweep to the same output, until it is closed; without rows it does not stay.
 
-    Parameters
-    ----------
-    path : Path
-        It is made if it does not exist.
-    fingerprint : str
-        Of the sweep.
-    rows : int
-        How many it has.
-
-    Raises
-    ------
-    InputFileError
-        If it is of another sweep, or is no journal.
-    OSError
-        If another sweep writes it, if it cannot be opened, or if the disk is full.
+    It is of a sweep with a fingerprint and so many rows. Raises `InputFileError` if it is of another sweep, or is no
+    journal, and `OSError` if another sweep writes it, it cannot be opened, or the disk is full.
     """
 
     done: dict[int, RowResult]

@@ -61,30 +61,20 @@ MEASURE_UNITS = {"strength_pa": "Pa", "least_pa": "Pa", "lobe_db": "dB", "audibl
 
 @dataclass(frozen=True, eq=False)
 class BuiltArray:
-    """What is built, and what it emits.
-
-    Parameters
-    ----------
-    array : TransducerArray
-        n transducers where they are, with their real gains and phases.
-    medium : Medium
-        The air as it is.
-    drive : (n,) complex
-        As it was solved for the array and the air without errors.
-    """
+    """What is built, and what it emits."""
 
     array: TransducerArray
+    """n transducers where they are, with their real gains and phases."""
     medium: Medium
+    """The air as it is."""
     drive: NDArray[np.complex128]
+    """(n,) complex; as it was solved for the array and the air without errors."""
 
 
 def emitted(design: Design, points: ControlPoints) -> BuiltArray:
     """Solve for a design without its errors, and build it with them.
 
-    Raises
-    ------
-    ValueError
-        If the points cannot be solved for, or as the method.
+    Raises `ValueError` if the points cannot be solved for, or as the method.
     """
     intended = design.array()
     assumed = Medium(design.assumed_c)

@@ -53,17 +53,9 @@ LABELS = {
 
 
 def drawn_fields(columns: Mapping[str, Sequence[object]]) -> dict[str, list[str]]:
-    """The fields over which a picture draws, each with those that always change together with it.
+    """The fields over which a picture draws, each with those that always change together with it; the seed is left out.
 
-    Parameters
-    ----------
-    columns : mapping of str to sequence
-        Values of the fields in each row; the seed is left out.
-
-    Raises
-    ------
-    ValueError
-        If they are none, or more than `MOST_FIELDS`.
+    Raises `ValueError` if they are none, or more than `MOST_FIELDS`.
     """
     drawn: dict[str, list[str]] = {}
     for name in FIELDS:
@@ -84,10 +76,7 @@ def drawn_fields(columns: Mapping[str, Sequence[object]]) -> dict[str, list[str]
 def draw_sweep(results: Results, headline: str) -> Figure:
     """Draw the median over all rows with the same value of a field, and where eight tenths of them lie.
 
-    Raises
-    ------
-    ValueError
-        As `drawn_fields`.
+    Raises `ValueError` as `drawn_fields`.
     """
     rows = np.flatnonzero([problem is None for problem in results.columns[PROBLEM]])
     swept = drawn_fields(results.columns)

@@ -26,19 +26,13 @@ MOST_BYTES = 2**28
 
 
 class Results(NamedTuple):
-    """A table of results.
-
-    Parameters
-    ----------
-    fingerprint : str
-        Of the sweep.
-    columns : dict of str to list
-        By name, the values of each row: the fields of the designs, their measures, and ``problem``, which says why
-        there are none. None is no value.
-    """
+    """A table of results."""
 
     fingerprint: str
+    """Of the sweep."""
     columns: dict[str, list[Any]]
+    """By name, the values of each row: the fields of the designs, their measures, and ``problem``, which says why there
+    are none. None is no value."""
 
     def __repr__(self) -> str:
         return f"Results({len(self.columns[PROBLEM])} rows, {len(self.problems)} without measures)"
@@ -56,12 +50,7 @@ class Results(NamedTuple):
 def write_results(path: FilePath, sweep: Sweep, done: Mapping[int, RowResult], fingerprint: str) -> None:
     """Write the results of all rows to a Parquet file, completely or not at all.
 
-    Raises
-    ------
-    MissingExtraError
-        If pyarrow is not installed.
-    OSError
-        If it cannot be written.
+    Raises `MissingExtraError` if pyarrow is not installed, and `OSError` if it cannot be written.
     """
     with needing("scale", "a sweep"):
         import pyarrow

@@ -19,21 +19,14 @@ __all__ = ["SweepRun", "run_sweep"]
 
 
 class SweepRun(NamedTuple):
-    """What a run did.
-
-    Parameters
-    ----------
-    kept : int
-        Rows that an earlier run had measured.
-    measured : int
-        Rows that this one measured.
-    workers : int
-        How many of them at a time.
-    """
+    """What a run did."""
 
     kept: int
+    """Rows that an earlier run had measured."""
     measured: int
+    """Rows that this one measured."""
     workers: int
+    """How many of them at a time."""
 
 
 def run_sweep(

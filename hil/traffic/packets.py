@@ -74,10 +74,7 @@ MAGICS = (_SECTION, *_RECORDS)
 def packets(stream: BinaryIO, name: str) -> Iterator[Packet]:
     """Every packet of a capture, with its number, link type and byte order.
 
-    Raises
-    ------
-    InputFileError
-        If the file is corrupt; packets before that are given.
+    Raises `InputFileError` if the file is corrupt; packets before that are given.
     """
     source, number = _Source(stream), 1
     try:

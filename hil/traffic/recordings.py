@@ -42,12 +42,7 @@ HEAD_BYTES = 4096
 def open_recording(source: FilePath) -> Iterator[BinaryIO]:
     """Open a file, or standard input for ``-``, so that it can be read twice.
 
-    Raises
-    ------
-    InputFileError
-        If standard input is closed.
-    OSError
-        If it cannot be opened.
+    Raises `InputFileError` if standard input is closed, and `OSError` if it cannot be opened.
     """
     if source == "-":
         with _seekable(standard_input().buffer) as stream:
@@ -75,25 +70,11 @@ def _seekable(stream: BinaryIO) -> Iterator[BinaryIO]:
 def read_recording(
     stream: BinaryIO, name: str, form: str = "auto", address: UsbAddress | None = None
 ) -> Iterator[Piece]:
-    """Read a recording, piece by piece.
+    """Read a recording that can seek, piece by piece, in one of `FORMATS` or, by ``auto``, in the one of its content.
 
-    Parameters
-    ----------
-    stream : binary file
-        The recording; it must be able to seek.
-    name : str
-        Its name in errors.
-    form : str
-        One of `FORMATS`, or ``auto`` to judge by the content.
-    address : UsbAddress or None
-        The device to follow in a capture of a bus; None finds it.
-
-    Raises
-    ------
-    ValueError
-        If there is no such format, or the format has no addresses.
-    InputFileError
-        If the recording is empty or cannot be read as such; pieces before that are given.
+    In a capture of a bus the device with an address is followed; None finds it. The name is for errors. Raises
+    `ValueError` if there is no such format, or the format has no addresses, and `InputFileError` if the recording is
+    empty or cannot be read as such; pieces before that are given.
     """
     if form not in ("auto", *FORMATS):
         raise ValueError(f"unknown format {form!r}; known are auto, {', '.join(FORMATS)}")

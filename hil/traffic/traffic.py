@@ -92,57 +92,32 @@ DESCRIBERS: Mapping[Traffic, Callable[[bytes], Description]] = {
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """One piece of traffic, as recorded.
-
-    Parameters
-    ----------
-    where : str
-        Its place in the recording: ``packet 17``, ``offset 512``.
-    traffic : Traffic
-        What kind of traffic it is.
-    direction : "out", "in" or None
-        From the host, to the host, or unknown.
-    data : bytes
-        The recorded bytes; for a control request its data stage.
-    time : float or None
-        Seconds since the recording began.
-    setup : bytes
-        The eight bytes of a control request's setup stage; empty otherwise.
-    missing : int
-        Bytes at the end that travelled but were not recorded.
-    stalled : bool
-        Whether the device answered STALL, as it does to an unknown request.
-    problem : str
-        What went wrong on the way; empty if all went well.
-    """
+    """One piece of traffic, as recorded."""
 
     where: str
+    """Its place in the recording: ``packet 17``, ``offset 512``."""
     traffic: Traffic
+    """What kind of traffic it is."""
     direction: TransferDirection | None
+    """From the host, to the host, or unknown."""
     data: bytes
+    """The recorded bytes; for a control request its data stage."""
     time: float | None = None
+    """Seconds since the recording began."""
     setup: bytes = b""
+    """The eight bytes of a control request's setup stage; empty otherwise."""
     missing: int = 0
+    """Bytes at the end that travelled but were not recorded."""
     stalled: bool = False
+    """Whether the device answered STALL, as it does to an unknown request."""
     problem: str = ""
+    """What went wrong on the way; empty if all went well."""
 
 
 def cut(traffic: Traffic, data: bytes, travelled: int) -> Iterator[tuple[int, bytes, int]]:
-    """Cut the data of one transfer into blocks or records.
+    """Cut the data of one transfer into blocks or records: the offset of each, its bytes, how many were not recorded.
 
-    Parameters
-    ----------
-    traffic : Traffic
-        `Traffic.BLOCK` or `Traffic.RECORD`.
-    data : bytes
-        The recorded data of the transfer, from its beginning.
-    travelled : int
-        The true number of its bytes.
-
-    Yields
-    ------
-    int, bytes, int
-        The offset of the piece in the transfer, the piece, and how many of its bytes were not recorded.
+    The recorded data begin with the transfer, of which so many bytes travelled.
     """
     at = 0
     while at < len(data):
@@ -212,10 +187,7 @@ def is_frame(data: bytes) -> bool:
 def read_whole(stream: BinaryIO, name: str, traffic: Traffic) -> Iterator[Piece]:
     """Read all of a recording as one piece: a firmware image, or a message of the chain.
 
-    Raises
-    ------
-    InputFileError
-        If it is larger than any of these.
+    Raises `InputFileError` if it is larger than any of these.
     """
     data = stream.read(LARGEST_WHOLE_BYTES + 1)
     if len(data) > LARGEST_WHOLE_BYTES:
@@ -253,10 +225,7 @@ def hex_bytes(text: str) -> bytes:
     line, and ``00 × 480`` on a line of its own for so many zeros; and the dumps of ``xxd`` and ``hexdump -C`` from
     offset 0, whose lines state the offset.
 
-    Raises
-    ------
-    ValueError
-        If it is anything else; it names the line.
+    Raises `ValueError` if it is anything else; it names the line.
     """
     lines = list(_content_lines(text))
     if lines and _DUMP_BEGINS.match(lines[0][1]):
@@ -316,10 +285,7 @@ def _short(text: str) -> str:
 def read_text(stream: BinaryIO, name: str) -> bytes:
     """Read the bytes that a file of hex text stands for.
 
-    Raises
-    ------
-    InputFileError
-        If it is no hex text, or more than is read at once.
+    Raises `InputFileError` if it is no hex text, or more than is read at once.
     """
     text = stream.read(LARGEST_TEXT_BYTES + 1)
     if len(text) > LARGEST_TEXT_BYTES:

@@ -237,25 +237,13 @@ def _is_an_array(event: _Event) -> bool:
 
 
 def read_usbmon(stream: BinaryIO, name: str, address: UsbAddress | None = None) -> Iterator[Piece]:
-    """Read the traffic of an array from a capture.
+    """Read the traffic of an array from a capture, twice, so that it must be able to seek; the name is for errors.
 
     Pieces come in causal order, so that an acknowledgement follows its block: the host's data have the place and the
     time of their transfer's submission, the device's data those of the completion.
 
-    Parameters
-    ----------
-    stream : binary file
-        The capture. It is read twice, so it must be able to seek.
-    name : str
-        Its name in errors.
-    address : UsbAddress or None
-        The device to follow; None follows every address with a device descriptor of ours, or with blocks or records: a
-        device has another address each time it returns.
-
-    Raises
-    ------
-    InputFileError
-        If the capture is corrupt, or has no such device.
+    Without an address every address is followed that has a device descriptor of ours, or blocks or records: a device
+    has another address each time it returns. Raises `InputFileError` if the capture is corrupt, or has no such device.
     """
     start, seen, followed = _survey(_events(stream, name), address)
     if not seen:

@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import pytest
 from phasewire.emulator.faults import HotBoard
-from phasewire.hil.conformance.bench import TOLD_PERIODS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.dialogue import TOLD_PERIODS
 from phasewire.hil.conformance.tools.clocks import unless_busy
 from phasewire.hil.conformance.tools.exchange import order
 from phasewire.hil.conformance.tools.forge import forged

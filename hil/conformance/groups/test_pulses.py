@@ -7,8 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from phasewire.hil.conformance.bench import POWERS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.dialogue import POWERS
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, only
 from phasewire.hil.conformance.tools.forge import forged

@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, case, expect
 from phasewire.hil.conformance.sight.capture import Seen
-from phasewire.hil.conformance.sight.waveforms import only, output_name
+from phasewire.hil.conformance.sight.waveforms import only
 from phasewire.hil.conformance.tools.player import Player
 from phasewire.protocol.blocks import Entries, Entry, PlaySequence, Slot, Update
 from phasewire.protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, TICKS_PER_PERIOD
 from phasewire.protocol.codes import Feature, Request
 from phasewire.protocol.pulses import Pulses
+from phasewire.protocol.wiring import Pin
 
 SLOW_TRANSDUCERS = 12
 AT_ONCE = 64
@@ -69,7 +70,7 @@ def only_output(channel: int) -> NDArray[np.uint32]:
 def names(words: NDArray[np.uint32]) -> list[str]:
     """The outputs given as bits of the processors' words, (10,)."""
     return [
-        output_name(CHANNELS_PER_PROCESSOR * processor + bit)
+        Pin.of(CHANNELS_PER_PROCESSOR * processor + bit).name
         for processor, word in enumerate(words.tolist())
         for bit in range(CHANNELS_PER_PROCESSOR if word else 0)
         if word >> bit & 1

@@ -58,18 +58,12 @@ MADE = ("linux-image-*", "linux-image-*/initramfs*", "numba/*")
 
 @dataclass(frozen=True)
 class GuestKernel:
-    """A kernel that can be started.
-
-    Parameters
-    ----------
-    folder : Path
-        Holds ``vmlinux``, ``lib/modules`` and what `initramfs` names.
-    release : str
-        As ``uname -r`` prints it.
-    """
+    """A kernel that can be started."""
 
     folder: Path
+    """Holds ``vmlinux``, ``lib/modules`` and what `initramfs` names."""
     release: str
+    """As ``uname -r`` prints it."""
 
     @property
     def image(self) -> Path:
@@ -89,19 +83,10 @@ def missing_programs() -> list[str]:
 
 
 def fetch_kernel(suite: str | None = None, cache: Path | None = None) -> GuestKernel:
-    """Debian's newest kernel, from the cache if it is there.
+    """Debian's newest kernel of a suite such as `NEWEST`, from a cache if it is there.
 
-    Parameters
-    ----------
-    suite : str, optional
-        Debian's suite, such as `NEWEST`; by default the one from which this computer installs packages.
-    cache : Path, optional
-        The folder that keeps it; by default in the user's cache.
-
-    Raises
-    ------
-    OSError
-        If it can be neither found nor fetched.
+    By default the suite is the one from which this computer installs packages, and the cache is the user's. Raises
+    `OSError` if the kernel can be neither found nor fetched.
     """
     folder = (cache or user_cache_path("phasewire")) / "guest"
     options = _lists(suite, folder / "lists" / suite) if suite else ()
@@ -141,13 +126,7 @@ def _prune(folder: Path) -> None:
 
 
 def unpack(image: bytes) -> bytes:
-    """The kernel inside a bzImage.
-
-    Raises
-    ------
-    OSError
-        If it is compressed by neither xz nor zstd, which Debian uses.
-    """
+    """The kernel inside a bzImage; raises `OSError` if it is compressed by neither xz nor zstd, which Debian uses."""
     setup = (image[SETUP_SECTORS] or 4) + 1
     offset, length = struct.unpack_from("<II", image, PAYLOAD)
     begin = setup * SECTOR_BYTES + offset

@@ -62,19 +62,13 @@ class GuestError(Exception):
 
 @dataclass(frozen=True)
 class Done:
-    """A command that has ended.
-
-    Parameters
-    ----------
-    code : int
-        Its exit code; negative if a signal ended it.
-    out, err : str
-        Its output.
-    """
+    """A command that has ended."""
 
     code: int
+    """Its exit code; negative if a signal ended it."""
     out: str
     err: str
+    """Its output."""
 
 
 class Guest:
@@ -169,13 +163,7 @@ class Guest:
             self.wait(number)
 
     def wait(self, number: int, seconds: float = 60.0) -> Done:
-        """Wait until a command has ended.
-
-        Raises
-        ------
-        GuestError
-            If the guest does not answer.
-        """
+        """Wait until a command has ended; raises `GuestError` if the guest does not answer."""
         end = time.monotonic() + seconds + ANSWER_SECONDS
         while number not in self._waiting:
             self._listen(end - time.monotonic())

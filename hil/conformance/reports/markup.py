@@ -17,17 +17,7 @@ def legible(text: str) -> str:
 
 
 def element(tag: str, /, *content: Element | str, **attributes: str) -> Element:
-    """An element.
-
-    Parameters
-    ----------
-    tag : str
-        Its name.
-    *content : Element or str
-        Its children, in order; text is escaped when it is written.
-    **attributes : str
-        The attributes of its tag; ``class_`` stands for ``class``.
-    """
+    """An element with its attributes: ``class_`` stands for ``class``; text in it is escaped when it is written."""
     made = Element(tag, {key.rstrip("_"): legible(value) for key, value in attributes.items()})
     for part in content:
         if isinstance(part, Element):

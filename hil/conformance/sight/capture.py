@@ -44,16 +44,6 @@ class SeenPulses(NamedTuple):
 class Seen:
     """The outputs over an interval of whole periods.
 
-    Parameters
-    ----------
-    first_period, last_period : int
-        Periods of the device; the last is not included.
-    words : (50 · periods, 10) uint32
-        The port words of each tick, one column per processor in the order of the chain; bit b is output b of its port,
-        0 if it was not observed.
-    observed : (10,) uint32
-        Which outputs were observed, as bits of their processors' words.
-
     Raises
     ------
     ValueError
@@ -62,8 +52,12 @@ class Seen:
 
     first_period: int
     last_period: int
+    """Periods of the device; the last is not included."""
     words: NDArray[np.uint32]
+    """(50 · periods, 10) uint32; the port words of each tick, one column per processor in the order of the chain; bit b
+    is output b of its port, 0 if it was not observed."""
     observed: NDArray[np.uint32]
+    """(10,) uint32; which outputs were observed, as bits of their processors' words."""
 
     def __post_init__(self) -> None:
         """Check the shapes, and make the arrays read-only."""
@@ -87,18 +81,7 @@ class Seen:
         return np.asarray(self._periods(number, operator.index(number) + 1)[0])
 
     def pulses(self, first: int, last: int) -> SeenPulses:
-        """The pulses of some periods.
-
-        Parameters
-        ----------
-        first, last : int
-            Periods of the device; the last is not included.
-
-        Raises
-        ------
-        ValueError
-            If they are not within the interval.
-        """
+        """The pulses of some periods, the last not included; raises `ValueError` if they are not within it."""
         words = self._periods(first, last)
         pulses = SeenPulses(
             np.full((len(words), CHANNELS), NOT_ONE, np.int8), np.full((len(words), CHANNELS), NOT_ONE, np.int8)
@@ -150,12 +133,7 @@ class Observer:
     def seen(self, first_period: int, last_period: int) -> Seen:
         """The outputs over some periods of the device, the last not included.
 
-        Raises
-        ------
-        Unseen
-            If they were not recorded.
-        ValueError
-            If these are no periods.
+        Raises `Unseen` if they were not recorded, and `ValueError` if these are no periods.
         """
         raise NotImplementedError
 
@@ -164,25 +142,14 @@ class Observer:
         return self
 
     def finish(self, tell: Callable[[str], object]) -> None:
-        """End a recording once all cases have played, for what is seen after the run.
-
-        Parameters
-        ----------
-        tell : callable
-            Tells people what they have to do.
-        """
+        """End a recording once all cases have played, for what is seen after the run; people are told what to do."""
 
     def close(self) -> None:
         """Give back what it holds."""
 
 
 class EmulatorObserver(Observer):
-    """Sees all outputs of an emulator, in its present life: as far back as its last start.
-
-    Parameters
-    ----------
-    emulator : Emulator
-    """
+    """Sees all outputs of an emulator, in its present life: as far back as its last start."""
 
     name = "emulator"
 

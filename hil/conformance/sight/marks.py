@@ -45,13 +45,6 @@ LONGEST_STRETCH_TICKS = 10 * TICK_HZ
 class Mark:
     """A mark as it was played.
 
-    Parameters
-    ----------
-    changes : tuple of (period, on)
-        The periods from which all outputs play `MARK_PULSES`, or are silent: in turn, at least 2 periods apart. Before
-        the first, which is on, all is silent for at least 2 periods; the last is off, and silence follows for 2
-        periods.
-
     Raises
     ------
     ValueError
@@ -59,6 +52,8 @@ class Mark:
     """
 
     changes: tuple[tuple[int, bool], ...]
+    """The periods from which all outputs play `MARK_PULSES`, or are silent: in turn, at least 2 periods apart. Before
+    the first, which is on, all is silent for at least 2 periods; the last is off, and silence follows for 2 periods."""
 
     def __post_init__(self) -> None:
         """Check the order."""
@@ -109,22 +104,10 @@ class Anchor(NamedTuple):
 
 
 def find_mark(mark: Mark, silences: NDArray[np.int64], samples_per_tick: float) -> Anchor | None:
-    """Find a mark by the pattern of its gaps.
+    """Find a mark by the pattern of its gaps; None if it is nowhere, or in several places.
 
-    Parameters
-    ----------
-    mark : Mark
-        What to look for.
-    silences : (s, 2) int
-        The places in the recording at which silences longer than `LONGEST_PULSE_GAP` begin and end: the first sample
-        that is low, and the first that is high again.
-    samples_per_tick : float
-        As far as it is known: to `CLOCK_TOLERANCE`.
-
-    Returns
-    -------
-    Anchor or None
-        None if it is nowhere, or in several places.
+    The silences, (s, 2) int, are those longer than `LONGEST_PULSE_GAP`: the first sample that is low, and the first
+    that is high again. The samples per tick are known to `CLOCK_TOLERANCE`.
     """
     edges, ticks = silences.ravel(), mark.edges
     at = np.arange(1, edges.size - ticks.size + 1, 2)  # the rises; the mark may begin at each
@@ -139,15 +122,10 @@ def find_mark(mark: Mark, silences: NDArray[np.int64], samples_per_tick: float) 
 
 @dataclass(frozen=True)
 class TimeBase:
-    """The time of a recording from one mark to another: straight lines between the middles of all marks on the way.
-
-    Parameters
-    ----------
-    anchors : sequence of Anchor
-        At least two, in the order of time.
-    """
+    """The time of a recording from one mark to another: straight lines between the middles of all marks on the way."""
 
     anchors: Sequence[Anchor]
+    """At least two, in the order of time."""
 
     def covers(self, first_period: int, last_period: int) -> bool:
         """Whether some periods lie within it, the last not included."""
@@ -168,15 +146,10 @@ class TimeBase:
 
 
 def time_bases(anchors: Iterable[Anchor], samples_per_tick: float) -> Iterator[TimeBase]:
-    """The intervals of a recording whose time is known.
+    """The intervals of a recording whose time is known, from marks in the order in which they were played.
 
-    Parameters
-    ----------
-    anchors : iterable of Anchor
-        In the order in which the marks were played. There is no interval between two marks if the device restarted
-        between them, because its count restarts.
-    samples_per_tick : float
-        As far as it is known: to `CLOCK_TOLERANCE`.
+    There is no interval between two marks if the device restarted between them, because its count restarts. The samples
+    per tick are known to `CLOCK_TOLERANCE`.
     """
     chain: list[Anchor] = []
     for anchor in anchors:

@@ -37,17 +37,9 @@ OWN: Mapping[str, Opener] = MappingProxyType(
 
 
 def capture_of(text: str) -> Callable[[Mapping[str, int], Sequence[Mark]], Observer]:
-    """The function that opens a capture; it takes the output channel of each probe by its name, and the marks.
+    """What opens a capture by a text such as ``sigrok:FILE``: it takes the output channel of each probe, and the marks.
 
-    Parameters
-    ----------
-    text : str
-        Such as ``sigrok:FILE``.
-
-    Raises
-    ------
-    ValueError
-        If the scheme is unknown; what it returns raises one if the rest of the text is wrong.
+    Raises `ValueError` if the scheme is unknown; what it returns raises one if the rest of the text is wrong.
     """
     opened, rest = opener(GROUP, OWN, text)
     return partial(opened, rest)

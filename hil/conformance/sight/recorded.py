@@ -67,12 +67,7 @@ class SampleRecording(Protocol):
     def pieces(self, first: int, end: int) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         """Samples, piece by piece: the number of the first, and (n, unit) bytes.
 
-        Raises
-        ------
-        InputFileError
-            If the recording is damaged.
-        OSError
-            If it cannot be read.
+        Raises `InputFileError` if the recording is damaged, and `OSError` if it cannot be read.
         """
 
 
@@ -86,20 +81,9 @@ def _at(recording: SampleRecording, places: NDArray[np.int64]) -> NDArray[np.uin
 
 
 def silences(recording: SampleRecording, bits: Sequence[int], longer_than: float) -> NDArray[np.int64]:
-    """Where most of some bits are low for long.
+    """Where most of some bits of the samples are low for more than so many samples, (s, 2) int.
 
-    Parameters
-    ----------
-    recording : SampleRecording
-    bits : sequence of int
-        Of a sample.
-    longer_than : float
-        Samples.
-
-    Returns
-    -------
-    (s, 2) int
-        The first sample that is low, and the first that is high again; or the end of the recording.
+    The first sample that is low, and the first that is high again; or the end of the recording.
     """
     mask = np.zeros(recording.unit * 8, np.uint8)
     mask[list(bits)] = 1
@@ -154,21 +138,9 @@ def _wired(file: SampleRecording, channels: Mapping[str, int]) -> dict[int, int]
 
 
 def find_marks(file: SampleRecording, bits: Sequence[int], marks: Sequence[Mark]) -> list[Anchor]:
-    """Find marks in a recording, in the order in which they were played.
+    """Find marks in a recording, by the bits at which outputs are, in the order in which they were played.
 
-    Parameters
-    ----------
-    file : SampleRecording
-    bits : sequence of int
-        Of a sample, at which outputs are.
-    marks : sequence of Mark
-
-    Raises
-    ------
-    InputFileError
-        If the file is damaged.
-    OSError
-        If it cannot be read.
+    Raises `InputFileError` if the file is damaged, and `OSError` if it cannot be read.
     """
     samples_per_tick = file.rate / TICK_HZ
     found = silences(file, bits, LONGEST_PULSE_GAP * samples_per_tick)
@@ -247,14 +219,9 @@ class RecordedObserver(Observer):
     def seen(self, first_period: int, last_period: int) -> Seen:
         """The outputs over some periods, at the middle of each tick; see `Observer`.
 
-        Raises
-        ------
-        Unseen
-            If they do not lie between two marks that are in the file and less than 10 s apart, or do so twice.
-        InputFileError
-            If the file is damaged, of another kind, or of another run.
-        OSError
-            If it cannot be read.
+        Raises `Unseen` if they do not lie between two marks that are in the file and less than 10 s apart, or do so
+        twice, `InputFileError` if the file is damaged, of another kind, or of another run, and `OSError` if it cannot
+        be read.
         """
         check_stretch(first_period, last_period)
         file, wired = self._recording.file, self._recording.wired

@@ -55,36 +55,23 @@ class _Member(NamedTuple):
 
 @dataclass(frozen=True)
 class SessionFile:
-    """A sigrok session file of version 1 or 2.
-
-    Parameters
-    ----------
-    path : path
-    rate : int
-        Samples a second, by the analyser's clock.
-    unit : int
-        Bytes of a sample.
-    probes : tuple of Probe
-    members : tuple
-        The parts of which the samples consist, in their order.
-    """
+    """A sigrok session file of version 1 or 2."""
 
     path: Path
     rate: int
+    """Samples a second, by the analyser's clock."""
     unit: int
+    """Bytes of a sample."""
     probes: tuple[Probe, ...]
     members: tuple[_Member, ...]
+    """The parts of which the samples consist, in their order."""
 
     @classmethod
     def open(cls, path: FilePath) -> SessionFile:
         """Read a file's metadata, and none of its samples.
 
-        Raises
-        ------
-        InputFileError
-            If it is no session file with logic samples, or a damaged one.
-        OSError
-            If it cannot be read.
+        Raises `InputFileError` if it is no session file with logic samples or a damaged one, and `OSError` if it
+        cannot be read.
         """
         path = Path(path)
         try:
@@ -117,12 +104,7 @@ class SessionFile:
     def pieces(self, first: int, end: int) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         """Samples, piece by piece: the number of the first, and (n, unit) bytes.
 
-        Raises
-        ------
-        InputFileError
-            If the file is damaged.
-        OSError
-            If it cannot be read.
+        Raises `InputFileError` if the file is damaged, and `OSError` if it cannot be read.
         """
         step = max(PIECE_BYTES // self.unit, 1)
         with open_zip(self.path, "damaged") as archive:
@@ -208,19 +190,9 @@ def _members(path: Path, values: Mapping[str, str], sizes: Mapping[str, int], un
 
 
 class SigrokObserver(RecordedObserver):
-    """Sees the outputs that a sigrok session file holds, which somebody records while the suite runs.
+    """Sees the outputs that a sigrok session file will hold, which somebody records while the suite runs.
 
-    Parameters
-    ----------
-    path : path
-        Where the recording will be.
-    channels, marks
-        See `RecordedObserver`.
-
-    Raises
-    ------
-    ValueError
-        If it is a folder, or no path.
+    Its channels and marks are those of `RecordedObserver`. Raises `ValueError` if the path is a folder.
     """
 
     def __init__(self, path: Path, channels: Mapping[str, int], marks: Sequence[Mark]) -> None:

@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ....protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
+from ....protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, TICKS_PER_PERIOD
 from ....protocol.pulses import Pulses
-from ....protocol.wiring import Wiring
+from ....protocol.wiring import Pin, Wiring
 from ..cases import Inconclusive
 from .capture import Seen
 
@@ -28,7 +28,6 @@ __all__ = [
     "modulated",
     "modulated_width",
     "only",
-    "output_name",
     "silent",
 ]
 
@@ -43,16 +42,9 @@ CHUNK_PERIODS = 2048
 
 
 def expected_words(pulses: Pulses, wiring: Wiring) -> Words:
-    """The outputs in a period of these pulses, (50, 10) uint32.
+    """The outputs in a period of these pulses of 320 transducers, (50, 10) uint32.
 
     A pulse begins at tick ⌊(phase − width)/2⌋ modulo 50 and lasts `width` ticks (clause PUL-004).
-
-    Parameters
-    ----------
-    pulses : Pulses
-        Of 320 transducers.
-    wiring : Wiring
-        The output of each.
     """
     width = pulses.width.astype(np.int64)
     start = (pulses.phase.astype(np.int64) - width) // 2 % TICKS_PER_PERIOD
@@ -152,13 +144,6 @@ def _stretch(seen: Seen, first: int | None, last: int | None) -> Words:
     return seen.words[(first - seen.first_period) * TICKS_PER_PERIOD : (last - seen.first_period) * TICKS_PER_PERIOD]
 
 
-def output_name(channel: int) -> str:
-    """An output's name in recordings."""
-    processor, bit = divmod(channel, CHANNELS_PER_PROCESSOR)
-    board, number = divmod(processor, PROCESSORS_PER_BOARD)
-    return f"b{board}p{number}_{bit:02}"
-
-
 def _difference(period: int, found: Words, wanted: Words, since: int) -> str:
     """The first difference within a period, for people."""
     differ = (found ^ wanted)[:, :, None] >> np.arange(CHANNELS_PER_PROCESSOR, dtype=np.uint32) & 1
@@ -166,7 +151,7 @@ def _difference(period: int, found: Words, wanted: Words, since: int) -> str:
     tick = int(np.argmax(by_channel.any(axis=1)))
     channel = int(np.argmax(by_channel[tick]))
     return (
-        f"the first difference is in period {period}, at tick {tick}, output {output_name(channel)}; there\n"
+        f"the first difference is in period {period}, at tick {tick}, output {Pin.of(channel).name}; there\n"
         f"{_levels(found, channel)} is seen,\n{_levels(wanted, channel)} should be, from period {since} on\n"
         f"(in this period {int(by_channel.any(axis=0).sum())} outputs differ)"
     )

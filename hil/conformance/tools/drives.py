@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from ..bench import POWERS
+from ..dialogue import POWERS
 
 FULL_WIDTH, FULL_POWER = 25, 1000
 MOST_BY_SEARCH = 3001

@@ -16,10 +16,6 @@ class RawLine(Protocol):
     """A line that carries blocks and requests to the device, valid or not.
 
     Methods raise a `DeviceError` if the line or the device fails.
-
-    Attributes
-    ----------
-    watch : ClockWatch
     """
 
     watch: ClockWatch

@@ -99,17 +99,9 @@ class Wire(Protocol):
 
 
 class PortWire:
-    """A port of pyserial.
+    """A port of pyserial, by the URL by which the host finds ports.
 
-    Parameters
-    ----------
-    url : str
-        The URL by which the host finds ports.
-
-    Raises
-    ------
-    DeviceError
-        If there is no such port, or it may not be used.
+    Raises `DeviceError` if there is no such port, or it may not be used.
     """
 
     def __init__(self, url: str) -> None:
@@ -185,13 +177,7 @@ class PortWire:
 
 
 class CdcWire:
-    """The console's endpoints of a device on USB; DTR has its initial state, low.
-
-    Parameters
-    ----------
-    usb : RawUsbLine
-        The device.
-    """
+    """The console's endpoints of a device on USB; DTR has its initial state, low."""
 
     has_break = False
     is_connection = False
@@ -362,10 +348,7 @@ class RawSerialLine:
     def enter_frames(self) -> None:
         """Switch to frames from any mode (clause SER-010), and forget earlier data.
 
-        Raises
-        ------
-        DeviceTimeoutError
-            If no request is answered afterwards.
+        Raises `DeviceTimeoutError` if no request is answered afterwards.
         """
         self.write(DELIMITER + encode(CONSOLE_FRAME) + DELIMITER)
         self.request(Setup(REQUEST_TYPE_IN, Request.CLOCK, 0, 0, ClockReading.BYTES))
@@ -418,10 +401,7 @@ class RawSerialLine:
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
         """Make a control request in a frame; returns the answer, or None for STALL.
 
-        Raises
-        ------
-        DeviceTimeoutError
-            If no reply with its tag comes.
+        Raises `DeviceTimeoutError` if no reply with its tag comes.
         """
         self._tag = (self._tag + 1) % TAGS
         before = len(self.events)  # which may include replies to others with this tag
@@ -474,10 +454,7 @@ class RawSerialLine:
     def command(self, line: str) -> str:
         """Give a command, with echo off; returns its answer, without the prompt.
 
-        Raises
-        ------
-        DeviceTimeoutError
-            If no prompt comes.
+        Raises `DeviceTimeoutError` if no prompt comes.
         """
         self.write(line.encode("ascii") + b"\r")
         return self._await_prompt(line).removesuffix(PROMPT).decode("latin-1")

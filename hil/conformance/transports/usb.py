@@ -196,10 +196,7 @@ class RawUsbLine:
     def write(self, endpoint: int, data: bytes, seconds: float) -> int:
         """Send bytes to an endpoint in one transfer, or an empty packet; returns how many were taken in time.
 
-        Raises
-        ------
-        DeviceStalledError
-            If the endpoint is halted.
+        Raises `DeviceStalledError` if the endpoint is halted.
         """
         with translated(f"sending to endpoint {endpoint:02X}"):
             try:
@@ -210,10 +207,7 @@ class RawUsbLine:
     def read(self, endpoint: int, size: int, seconds: float) -> bytes | None:
         """Receive one transfer of at most so many bytes, which ends with a short packet; None if none came.
 
-        Raises
-        ------
-        DeviceStalledError
-            If the endpoint is halted.
+        Raises `DeviceStalledError` if the endpoint is halted.
         """
         with translated(f"receiving from endpoint {endpoint:02X}"):
             try:

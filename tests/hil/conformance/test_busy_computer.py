@@ -11,8 +11,9 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from phasewire.hil.conformance.bench import MOST_SLOWNESS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive
+from phasewire.hil.conformance.pacing import MOST_SLOWNESS
 from phasewire.hil.conformance.running import RunOptions, open_bench, run_conformance
 from phasewire.hil.conformance.tools.clocks import compare_clocks, unless_busy
 from phasewire.hil.conformance.tools.steps import SILENT, enable
@@ -74,7 +75,7 @@ def test_a_case_has_more_time_on_a_slow_line(monkeypatch: pytest.MonkeyPatch, se
 
     monkeypatch.setattr(Bench, "is_far", True)
     monkeypatch.setattr(RawUsbLine, "send_blocks", send_late)
-    run = run_conformance(RunOptions("emulator:", only=("flow/a-place-is-free-again",)))
+    run = run_conformance(RunOptions("emulator:", only=("flow/a-place-is-free-again",), groups=("flow",)))
     assert [result.verdict for result in run.results] == [verdict], run.results
 
 

@@ -93,7 +93,7 @@ def test_a_clock_that_goes_back_fails_the_case_in_which_it_is_seen_alone(monkeyp
     set_clock(monkeypatch, lambda tick: tick + TICK_HZ * (2 if next(asked) < 300 else 1))
     one_by_one(patch := Patch())  # blocks in batches have their ticks by another way
     try:
-        run = run_conformance(RunOptions("emulator:", only=("numbering",), again=False))
+        run = run_conformance(RunOptions("emulator:", groups=("numbering",), again=False))
     finally:
         patch.undo()
     reasons = [result.reason for result in run.results if result.verdict is Verdict.FAIL]

@@ -30,6 +30,7 @@ GUIDE = Path(__file__).parents[3] / "docs" / "how-to/conformance.md"
 RESET = frozenset({Risk.RESET})
 POWER = ("power/everything-begins-anew-with-a-restart[power]", "power/what-the-device-is-stays-over-a-restart[power]")
 SEEN = "pulses/pulses-are-packed-as-the-specification-shows"
+GROUPS = ("power", "pulses")
 
 
 @pytest.fixture
@@ -108,18 +109,18 @@ def verdicts(run: Run) -> dict[str, tuple[Verdict, str]]:
 
 
 def test_cases_without_their_levers_are_inconclusive(url: str) -> None:
-    run = run_conformance(RunOptions(url, allowed=RESET, only=POWER))
+    run = run_conformance(RunOptions(url, allowed=RESET, only=POWER, groups=GROUPS))
     reason = "needs power that can be cut: pass --levers command:power=…"
     assert verdicts(run) == dict.fromkeys(POWER, (Verdict.INCONCLUSIVE, reason))
 
 
 def test_levers_of_another_package_let_cases_be_judged(bench: None, supply: str, url: str) -> None:
-    run = run_conformance(RunOptions(url, levers=(f"scpi:{supply}",), allowed=RESET, only=POWER))
+    run = run_conformance(RunOptions(url, levers=(f"scpi:{supply}",), allowed=RESET, only=POWER, groups=GROUPS))
     assert verdicts(run) == dict.fromkeys(POWER, (Verdict.PASS, ""))
 
 
 def test_a_capture_of_another_package_lets_outputs_be_judged(bench: None, url: str) -> None:
-    run = run_conformance(RunOptions(url, capture="mine:0", only=(SEEN,)))
+    run = run_conformance(RunOptions(url, capture="mine:0", only=(SEEN,), groups=GROUPS))
     assert run.provenance.capture == "mine:0"
     assert verdicts(run) == {SEEN: (Verdict.PASS, "")}
     assert any("2 of 320 seen in periods" in piece.text for piece in run.results[0].evidence)
@@ -161,7 +162,9 @@ def test_a_lever_that_fails_tells_its_output_and_leaves_the_case_inconclusive(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("switch.py").write_text(SWITCH)
-    run = run_conformance(RunOptions(url, levers=(f"command:power={command}",), allowed=RESET, only=POWER))
+    run = run_conformance(
+        RunOptions(url, levers=(f"command:power={command}",), allowed=RESET, only=POWER, groups=GROUPS)
+    )
     assert [result.verdict for result in run.results] == [Verdict.INCONCLUSIVE] * 2
     for result in run.results:
         assert re.search(f"^the lever 'command:power=.*' failed: .*{said}", result.reason)
@@ -182,7 +185,7 @@ def test_a_device_that_a_lever_left_without_power_is_not_to_blame(monkeypatch: p
 
     monkeypatch.setitem(entries(GROUP), "broken", cast("EntryPoint", SimpleNamespace(load=lambda: Broken)))
     with Emulator() as emulator:
-        run = run_conformance(RunOptions(emulator.url, "none", ("broken:",), RESET, only=POWER))
+        run = run_conformance(RunOptions(emulator.url, "none", ("broken:",), RESET, only=POWER, groups=GROUPS))
     assert {result.verdict for result in run.results} == {Verdict.INCONCLUSIVE}
     assert "the lever 'broken:' failed: the supply is gone" in run.results[0].reason
     assert "the device cannot be brought back" in run.results[-1].reason
@@ -243,7 +246,7 @@ def test_a_lever_without_effect_is_blamed_and_not_the_device(
     Path("switch.py").write_text(SWITCH)
     text = f"command:{lever}={sys.executable} switch.py 1 {{}}"
     with Emulator() as emulator:
-        run = run_conformance(RunOptions(emulator.url + door, "none", (text,), RESET, only=(case,)))
+        run = run_conformance(RunOptions(emulator.url + door, "none", (text,), RESET, only=(case,), groups=GROUPS))
     (result,) = run.results
     assert result.verdict is Verdict.INCONCLUSIVE
     assert result.reason.startswith(f"the lever '{text}' reported success, but the device {complaint}")

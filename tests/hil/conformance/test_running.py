@@ -698,7 +698,7 @@ def test_a_case_is_run_once_if_that_is_asked_for(groups: Path) -> None:
 def test_a_missing_acknowledgement_is_reported_with_the_counter_that_moved(
     groups: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("phasewire.hil.conformance.bench.ACK_SECONDS", 0.1)
+    monkeypatch.setattr("phasewire.hil.conformance.dialogue.ACK_SECONDS", 0.1)
     write(
         groups,
         "lost",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from phasewire.hil.study.features import CUBE, FELT, LOW, SHAPE, picture_in_space
-from phasewire.hil.study.sensing import Sensed
+from phasewire.hil.study.noticing import Sensed
 
 COUNT = int(np.prod(SHAPE))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from phasewire.hil.study.judging import Confusion
+from phasewire.hil.study.noticing import WINDOW_SECONDS
 from phasewire.hil.study.pointer import (
     FLAT_SHAPES,
     LOOP_SECONDS,
@@ -17,7 +18,6 @@ from phasewire.hil.study.pointer import (
     run_pointer,
     walk,
 )
-from phasewire.hil.study.sensing import WINDOW_SECONDS
 
 WINDOWS = round(LOOP_SECONDS / WINDOW_SECONDS)
 

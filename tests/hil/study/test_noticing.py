@@ -9,8 +9,7 @@ import pytest
 from phasewire import Mesh, TransducerArray
 from phasewire.feel.unfolding import SkinPatch, Unfolded
 from phasewire.hil.sound.emission import emitted_waves
-from phasewire.hil.study.persons import Exploration, Person
-from phasewire.hil.study.sensing import (
+from phasewire.hil.study.noticing import (
     BLUR,
     CELL,
     HAND_ERROR,
@@ -21,6 +20,7 @@ from phasewire.hil.study.sensing import (
     noticed,
     sensed,
 )
+from phasewire.hil.study.persons import Exploration, Person
 from phasewire.hil.study.trials import explored
 from phasewire.solver.contact.hand import Hand
 
