@@ -7,18 +7,13 @@ sixteen planes in the same run; it does not cut off what is outside the quadrila
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import platform
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from time import perf_counter, thread_time
 from typing import Any
 
 import numpy as np
 import trimesh
-from medians import median
+from bench import machine, median, options, record
 from phasewire.solver.contact.bvh import build
 from phasewire.solver.contact.cut import cut
 from phasewire.solver.contact.hand import Hand
@@ -116,11 +111,8 @@ def building() -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write every number to FILE")
-    arguments = parser.parse_args()
-    versions = f"NumPy {np.__version__}, trimesh {trimesh.__version__}"
-    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {versions}")
+    arguments = options(__doc__).parse_args()
+    print(machine(f"trimesh {trimesh.__version__}"))
     prepared = building()
     edges, tree = prepared["edges"] * 1e3, prepared["tree"] * 1e3
     print(f"{prepared['faces']} faces: edges in {edges:.0f} ms, tree in {tree:.0f} ms (goal 500 ms)")
@@ -141,9 +133,8 @@ def main() -> None:
             f"{name:18}{row['faces']:>8}{row['vertices']:>8.0f}{row['points']:>8.0f}{whole}{way}"
             f"{row['goal'] * 1e6:>7.0f}{row['trimesh'] * 1e6:>10.0f}{row['ratio']:>7.0f}×"
         )
-    if arguments.json:
-        figures = {"prepared": prepared, "poses": rows}
-        arguments.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    figures = {"prepared": prepared, "poses": rows}
+    record(arguments.json, figures)
 
 
 if __name__ == "__main__":

@@ -7,19 +7,16 @@ all transducers was demodulated. Compare rows; absolute times belong to the mach
 
 from __future__ import annotations
 
-import argparse
-import json
 import resource
 import sys
 from collections.abc import Callable
 from itertools import count
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 import usb.core
-from medians import median
+from bench import median, options, record
 from phasewire import Capture, Emulator, Pulses
 from phasewire.emulator.cluster import Cluster
 from phasewire.emulator.doors.backend import EmulatorBackend
@@ -203,9 +200,8 @@ def _once(call: Callable[[], object]) -> float:
 
 def main() -> None:
     """Measure, print, and write the figures on request."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--seconds", type=float, default=1.0, help="of the device's time in one call")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args()
     weight = hour()
     rows = measure(arguments.seconds)
@@ -218,9 +214,8 @@ def main() -> None:
     several = chains(CHAINS_UPDATES)
     rates = ", ".join(f"{row['per_device']:.1f} with {row['devices']}" for row in several)
     print(f"Chains on one sync line, fresh fields, s/s of each: {rates}")
-    if arguments.json:
-        figures = {"rows": rows, "hour": weight, "chains": several}
-        arguments.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    figures = {"rows": rows, "hour": weight, "chains": several}
+    record(arguments.json, figures)
 
 
 if __name__ == "__main__":

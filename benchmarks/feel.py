@@ -7,15 +7,12 @@ show what else ran on this machine; wall time does.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
-import platform
 from collections.abc import Callable
-from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
+from bench import machine, options, record
 from numpy.typing import NDArray
 from phasewire import Hand, TransducerArray
 from phasewire.feel.perception import FeltMap, felt_map, radiation_pressures
@@ -66,21 +63,18 @@ def stages(array: TransducerArray, skin: Unfolded, emitted: NDArray[np.complex64
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write every number to FILE")
-    arguments = parser.parse_args()
+    arguments = options(__doc__).parse_args()
     array, skin = TransducerArray.grid(), Unfolded.of(Hand.flat((0, 0, 0.2)))
     threads = os.environ.get("OPENBLAS_NUM_THREADS", "all")
     load = f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
-    print(f"{platform.machine()}, {os.cpu_count()} cores, NumPy {np.__version__}, threads: {threads}, {load}")
+    print(machine(f"threads: {threads}", load))
     print(f"{skin}; one second, goal {GOAL:g} s\n\n{'':12}{'':22}{'wall s':>8}{'CPU s':>8}")
     found = {}
     for name, emitted in waves(array).items():
         found[name] = stages(array, skin, emitted)
         for stage, each in found[name].items():
             print(f"{name:12}{stage:22}{each['wall']:>8.2f}{each['processor']:>8.2f}")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    record(arguments.json, found)
 
 
 if __name__ == "__main__":

@@ -11,15 +11,12 @@ alone" points and drives are NumPy's, and the time has everything.
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
-from medians import median
+from bench import median, options, record
 from phasewire import ControlPoints, Grid, Medium, TransducerArray, pressure
 from phasewire.solver import solve_frames
 from phasewire.solver.accelerated import propagation, updates
@@ -131,9 +128,7 @@ def counts() -> Iterator[dict[str, Any]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write every number to FILE")
-    arguments = parser.parse_args()
+    arguments = options(__doc__).parse_args()
     device = jax.devices()[0]
     there_is_a_gpu = device.platform != "cpu"
     print(f"JAX {jax.__version__} on {device.device_kind}")
@@ -166,8 +161,7 @@ def main() -> None:
             f"{row['of']:10}{row['bytes'] / 1e3:>12.3f} kB{row['flops'] / 1e3:>12.3f} kFlop{bound:>18,.0f}/s"
             f"  the target is {target / bound:.0%} of it"
         )
-    if arguments.json:
-        arguments.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    record(arguments.json, results)
 
 
 if __name__ == "__main__":

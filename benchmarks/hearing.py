@@ -7,13 +7,11 @@ of outputs that change in every carrier period, on one thread if the environment
 
 from __future__ import annotations
 
-import argparse
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from medians import median
+from bench import median, options, record
 from phasewire import Emulator, Pulses, Sphere, TransducerArray, open_device, two_sided
 from phasewire.emulator import Capture
 from phasewire.feel.exposure import SEATED, exposure_at, seated
@@ -82,9 +80,7 @@ def times(slots: int) -> dict[str, float]:
 
 def main() -> None:
     """Measure, and print or write the results."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, help="write the results to this file")
-    arguments = parser.parse_args()
+    arguments = options(__doc__).parse_args()
     found = {
         "square two-sided modulation, 200 Hz": baseline(),
         "seconds for one second, two fields in turn": times(2),
@@ -92,8 +88,7 @@ def main() -> None:
         "goal in seconds": GOAL_SECONDS,
     }
     print(json.dumps(found, indent=2, ensure_ascii=False))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(found, indent=2, ensure_ascii=False) + "\n")
+    record(arguments.json, found)
 
 
 if __name__ == "__main__":

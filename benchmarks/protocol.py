@@ -6,15 +6,12 @@ absolute times belong to the machine.
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench import median, options, record
 from isal.isal_zlib import crc32
-from medians import median
 from phasewire.protocol import Ack, Block, Pulses, State, Update, pack, pack_updates, quantise, unpack, unpack_updates
 from phasewire.protocol.layout.blocks import BLOCK
 from phasewire.protocol.replies import decode_acks, encode_acks
@@ -72,9 +69,7 @@ def measure() -> list[dict[str, Any]]:
 
 def main() -> None:
     """Measure, print, and write the figures on request."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, help="also write the figures to this file")
-    arguments = parser.parse_args()
+    arguments = options(__doc__).parse_args()
     rows = measure()
     seconds = {(row["what"], row["batch"]): row["seconds"] for row in rows}
     print(f"{'':32}{'batch':>6}{'ns/update':>12}{'updates/s':>14}{'× construct':>13}{'× copying':>11}")
@@ -84,8 +79,7 @@ def main() -> None:
         floor = seconds.get(("copying the pulses", batch), 0) + seconds.get(("copying the blocks", batch), 0)
         ratios = f"{seconds[peer, 1] / row['seconds']:>13.0f}{row['seconds'] / floor:>11.1f}" if peer else ""
         print(f"{what:32}{batch:>6}{row['seconds'] * 1e9:>12.0f}{1 / row['seconds']:>14,.0f}{ratios}")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    record(arguments.json, rows)
 
 
 if __name__ == "__main__":

@@ -7,14 +7,13 @@ which a device needs 40 000. ``--levels`` plays the ways on the emulator and com
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+from bench import options
 from phasewire import Circle, ControlPoints, Cycle, Outline, TransducerArray, render
 from phasewire.hil.loop.sensing import sense, skin_over
 from phasewire.solver import Completion, Quieting, Renderer, quieted
@@ -93,9 +92,8 @@ def levels() -> dict[str, dict[str, float]]:
 
 def main() -> None:
     """Run it."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options(__doc__)
     parser.add_argument("--levels", action="store_true", help="also play the ways, and judge them")
-    parser.add_argument("--json", type=Path, help="where to write the results")
     arguments = parser.parse_args()
     results: dict[str, Any] = {name: rates(what, way) for name, (what, way) in CASES.items()}
     results["changes spread, periods/s"] = quieting_rate()

@@ -14,7 +14,6 @@ import argparse
 import json
 import math
 import os
-import platform
 import resource
 import subprocess
 import sys
@@ -24,6 +23,7 @@ from time import process_time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from bench import machine, options, record
 from phasewire import ControlPoints, Medium, Solver, TransducerArray, pressure
 from phasewire.base.pictures import new_figure, save_figure
 from phasewire.solver.compiled import block_kernels, layout, updates
@@ -263,8 +263,7 @@ def _label(axes: Axes, x: str, y: str, title: str, ticks: Any = ()) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write every number to FILE")
+    parser = options(__doc__)
     parser.add_argument("--picture", type=Path, metavar="FILE", help="also draw the picture")
     parser.add_argument("--job", nargs="+", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -272,7 +271,7 @@ def main() -> None:
         name, *values = arguments.job
         print(json.dumps(JOBS[name](*(float(value) if "." in value else int(value) for value in values))))
         return
-    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, NumPy {np.__version__}")
+    print(machine())
     results = measure()
     (speed,) = results["peak"]
     flops = speed["flops"]
@@ -283,8 +282,7 @@ def main() -> None:
     print_results(results, flops)
     if arguments.picture:
         draw(results, flops, arguments.picture)
-    if arguments.json:
-        arguments.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    record(arguments.json, results)
 
 
 if __name__ == "__main__":

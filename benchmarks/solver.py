@@ -7,17 +7,12 @@ multiply-adds that this run measures; absolute times belong to the machine and p
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import platform
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from medians import median
+from bench import machine, median, options, record
 from numba import njit
 from phasewire import ControlPoints, Solver, TransducerArray, pressure
 from phasewire.solver import METHODS, PlanePropagator, solve_frames
@@ -166,16 +161,14 @@ def print_updates(rows: list[dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write every number to FILE")
-    arguments = parser.parse_args()
+    arguments = options(__doc__).parse_args()
     before = perf_counter()
     for method in ("tikhonov", "wgs", "polish", "multiplex"):
         Solver(TransducerArray.grid(2, 2), method).solve(cloud(1))
     first = perf_counter() - before
     counts = compilation()
     loaded, built = (sum(count[which] for count in counts.values()) for which in (0, 1))
-    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, NumPy {np.__version__}")
+    print(machine())
     print(f"Kernels: {built} compiled, {loaded} loaded from the cache, in {first:.1f} s")
     flops = peak()
     print(f"Peak of one core: {flops / 1e9:.0f} GFlop/s in float32 multiply-adds")
@@ -209,8 +202,7 @@ def main() -> None:
     for row in results["fields"]:
         rate = row["pairs_per_second"] / 1e9
         print(f"{row['field']:26}{row['seconds'] * 1e3:9.2f} ms{rate:9.2f} · 10⁹ points·transducers/s")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    record(arguments.json, results)
 
 
 if __name__ == "__main__":

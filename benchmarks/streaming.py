@@ -16,9 +16,7 @@ does not count what others took.
 
 from __future__ import annotations
 
-import argparse
 import gc
-import json
 import os
 import sys
 import time
@@ -30,6 +28,7 @@ from time import perf_counter, process_time, thread_time
 from typing import Any
 
 import numpy as np
+from bench import options, record
 from numpy.typing import NDArray
 from phasewire import Solver, TransducerArray
 from phasewire.protocol import PulseFrames
@@ -305,13 +304,12 @@ def print_afar(rows: list[dict[str, Any]]) -> None:
 
 def main() -> None:
     """Measure, print, and write the figures on request."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--seconds", type=float, default=1.0, help="of the device's time, from each array")
     parser.add_argument(
         "--live", type=float, default=60.0, help="seconds with each method of the solver, for each way to wait"
     )
     parser.add_argument("--afar", type=float, default=10.0, help="seconds at each rate over loopback TCP")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args()
     before = stolen()
     arrays = from_arrays(arguments.seconds)
@@ -323,9 +321,8 @@ def main() -> None:
     total, steal = stolen() - before
     share = steal / total if total else 0.0
     print(f"\nThe hypervisor gave {share:.1%} of this machine's time to others.")
-    if arguments.json:
-        figures = {"arrays": arrays, "live": lively, "afar": afar, "stolen": share}
-        arguments.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    figures = {"arrays": arrays, "live": lively, "afar": afar, "stolen": share}
+    record(arguments.json, figures)
 
 
 if __name__ == "__main__":

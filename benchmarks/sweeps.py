@@ -7,10 +7,7 @@ on a quiet machine with two cores or more: what else runs there takes time from 
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
-import platform
 import resource
 import statistics
 import tempfile
@@ -20,7 +17,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
 
-import numpy as np
+from bench import machine, options, record
 from phasewire.hil.sweep import Sweep, measure, read_sweep, run_sweep
 from threadpoolctl import threadpool_limits
 
@@ -88,10 +85,9 @@ def apart(rows: int) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--rows", type=int, default=ROWS)
     parser.add_argument("--repeats", type=int, default=REPEATS)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write every number to FILE")
     arguments = parser.parse_args()
     sweep = of(arguments.rows)
     swept(of(2), "serial")  # loads the kernels
@@ -102,7 +98,7 @@ def main() -> None:
         "two apart": lambda: apart(arguments.rows),
     }
     load = f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
-    print(f"{platform.machine()}, {os.cpu_count()} cores, NumPy {np.__version__}, {load}")
+    print(machine(load))
     runs = [{name: way() for name, way in ways.items()} for _ in range(arguments.repeats)]
     print(f"{arguments.rows} rows on 2 workers, medians of {len(runs)}; goal {GOAL:.0%}\n")
     print(f"{'':12}{'s':>8}{'rows/s':>9}{'CPU s':>8}{'efficiency':>12}{'when begun':>12}")
@@ -117,8 +113,7 @@ def main() -> None:
             f"{name:12}{middle['seconds']:>8.2f}{middle['rate']:>9.1f}{middle['processor_seconds']:>8.2f}"
             f"{found[name]['efficiency']:>12.0%}{found[name]['when_begun']:>12.0%}"
         )
-    if arguments.json:
-        arguments.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    record(arguments.json, found)
 
 
 if __name__ == "__main__":

@@ -14,8 +14,6 @@ device, which stands still while the host works: from the time stamp to the firs
 
 from __future__ import annotations
 
-import argparse
-import json
 import struct
 import time
 from array import array
@@ -28,6 +26,7 @@ from typing import Any
 from unittest.mock import patch
 
 import trimesh
+from bench import options, record
 from phasewire import Emulator, Mesh, TransducerArray, open_device
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.host.hands.frames import HandFrame
@@ -201,10 +200,9 @@ def objects() -> dict[str, Mesh]:
 
 def main() -> None:
     """Measure, print, and write the figures on request."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--minutes", type=float, default=0.1, help="for each object")
     parser.add_argument("--method", default="wgs")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args()
     print(f"From a hand to its block at the bus, {RATE:,} hands a second, {arguments.method}, in ms")
     print(f"{'':36}{'median':>8}{'99 %':>8}{'worst':>8}{'touching':>10}{'dropped':>9}{'slipped':>9}{'memory':>10}")
@@ -232,8 +230,7 @@ def main() -> None:
         widths = (16, 16, *[22] * len(LINES))
         texts = [f"{each['median_seconds'] * 1e3:.2f} {each['p99_seconds'] * 1e3:.2f}" for each in shown]
         print(f"{way:28}" + "".join(f"{text:>{width}}" for text, width in zip(texts, widths, strict=True)))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    record(arguments.json, rows)
 
 
 if __name__ == "__main__":

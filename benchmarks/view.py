@@ -19,7 +19,7 @@ from time import perf_counter, process_time, thread_time
 from typing import Any
 
 import numpy as np
-from medians import median
+from bench import median
 from phasewire import Emulator, Hand, Mesh, Sphere, TransducerArray, open_device, solve
 from phasewire.host.hands.placing import PlacedHands
 from phasewire.host.hands.sources import open_hands

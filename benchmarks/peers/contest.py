@@ -9,10 +9,10 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +96,19 @@ class Field:
     name: str
     transducers: int
     evaluate: Callable[[], object]
+
+
+class Set:
+    """What a driver sets all scripts, a dataclass of numbers."""
+
+    def save(self, path: Path) -> None:
+        """Write it as JSON."""
+        path.write_text(json.dumps(asdict(self)), encoding="utf-8")  # type: ignore[call-overload]  # subclasses are
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read it back."""
+        return cls(**json.loads(path.read_text(encoding="utf-8")))
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from contest import attempt, measure
+from contest import Set, attempt, measure
 
 TIME_STEP_NS = 500
 """Of instantaneous fields: a tick of phasewire's outputs."""
@@ -22,7 +22,7 @@ WARM_UP_SECONDS = 0.5e-3
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Set):
     """A focus above the middle of the array, modulated by a sine, and a square of points around it.
 
     Parameters
@@ -47,15 +47,6 @@ class Scene:
     samples: int
     stretches: dict[str, float]
     budget: float
-
-    def save(self, path: Path) -> None:
-        """Write it as JSON."""
-        path.write_text(json.dumps(asdict(self)), encoding="utf-8")
-
-    @classmethod
-    def load(cls, path: Path) -> Scene:
-        """Read it back."""
-        return cls(**json.loads(path.read_text(encoding="utf-8")))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ So the imports of a script meet neither those of another one nor this process's 
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
@@ -12,11 +13,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-__all__ = ["QUIET", "ROOT", "UnavailableError", "enter", "environment", "machine"]
+__all__ = [
+    "QUIET", "ROOT", "UnavailableError", "enter", "environment", "finish", "machine", "options", "print_remarks",
+]  # fmt: skip
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -130,3 +134,29 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         "load": os.getloadavg()[0],
     }
+
+
+def options(doc: str | None, name: str) -> argparse.ArgumentParser:
+    """A driver's parser; its record is ``build/NAME.json``."""
+    parser = argparse.ArgumentParser(description=(doc or "").partition("\n")[0])
+    parser.add_argument("--json", type=Path, default=ROOT / "build" / f"{name}.json", help="the record to write")
+    return parser
+
+
+def print_remarks(remarks: Mapping[str, list[str]], about: dict[str, Any], width: int = 0) -> None:
+    """What one must know to read each contestant's numbers, and what they were measured on."""
+    for name, texts in remarks.items():
+        for i, text in enumerate(texts):
+            print(f"  {name + ':' if i == 0 else '':{width or len(name) + 1}} {text}")
+    print(
+        f"  machine: {about['processor']}, {about['cores']} cores, load {about['load']:.1f} before and "
+        f"{os.getloadavg()[0]:.1f} after; {about['system']}, Python {about['python']}"
+    )
+
+
+def finish(path: Path, about: dict[str, Any], begun: float, **record: Any) -> None:
+    """Write the record, and say where it is."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    about["load_after"] = os.getloadavg()[0]
+    path.write_text(json.dumps({"machine": about, **record}, indent=1), encoding="utf-8")
+    print(f"\n{time.monotonic() - begun:.0f} s in all; all numbers and versions are in {path}")

@@ -8,21 +8,17 @@ for. A peer that cannot be installed or run is a line in the table with the reas
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
-import os
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import phasewire
 from contest import SAME_ITERATIONS, Task
-from environments import QUIET, ROOT, UnavailableError, enter, environment, machine
+from environments import QUIET, UnavailableError, enter, environment, finish, machine, options, print_remarks
 from numpy.typing import NDArray
 
 PEERS = ("autd3", "acoustools", "levitate")
@@ -274,7 +270,7 @@ def remarks(title: str, record: dict[str, Any]) -> list[str]:
     return [f"version {record['versions'].get(name, 'unknown')}; {used}.", *record["notes"], *used_steps, *failures]
 
 
-def print_remarks(records: dict[str, dict[str, Any]], about: dict[str, Any]) -> None:
+def print_small_print(records: dict[str, dict[str, Any]], about: dict[str, Any]) -> None:
     """The small print."""
     print("\nremarks")
     print(
@@ -282,31 +278,23 @@ def print_remarks(records: dict[str, dict[str, Any]], about: dict[str, Any]) -> 
         "thread each (a processor time over wall time above 1 would betray a second one, below 1 a busy machine)."
     )
     print("  phase only: the same phases with every transducer that sounds at full drive.")
-    for title, record in records.items():
-        for i, text in enumerate(remarks(title, record)):
-            print(f"  {title + ':' if i == 0 else ' ' * len(title) + ' '} {text}")
-    print(
-        f"  machine: {about['processor']}, {about['cores']} cores, load {about['load']:.1f} before and "
-        f"{about['load_after']:.1f} after; {about['system']}, Python {about['python']}"
-    )
+    print_remarks({title: remarks(title, record) for title, record in records.items()}, about)
 
 
 def main() -> None:
     """Run everything, print the table and write the record."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = options(__doc__, "bench-peers")
     parser.add_argument("--peers", nargs="*", choices=PEERS, default=list(PEERS), help="those to run; all by default")
     parser.add_argument("--seconds", type=float, default=0.3, help="to spend on timing one case")
-    parser.add_argument("--json", type=Path, default=ROOT / "build" / "bench-peers.json", help="the record to write")
     chosen = parser.parse_args()
     about, begun = machine(), time.monotonic()
     task = make_task(chosen.seconds)
     records = compete(task, chosen.peers)
-    about["load_after"] = os.getloadavg()[0]
     print_table(records, list(task.problems))
     for problem in ("rings 16+16", "random 32"):
         print_ratios(records, problem)
     print_fields(records)
-    print_remarks(records, about)
+    print_small_print(records, about)
     parameters = {
         "transducers": len(task.array),
         "wavelength_m": task.wavelength,
@@ -316,10 +304,7 @@ def main() -> None:
         "seconds_per_case": task.budget,
         "problems": {name: points.tolist() for name, points in task.problems.items()},
     }
-    chosen.json.parent.mkdir(parents=True, exist_ok=True)
-    record = {"machine": about, "parameters": parameters, "records": records}
-    chosen.json.write_text(json.dumps(record, indent=1), encoding="utf-8")
-    print(f"\n{time.monotonic() - begun:.0f} s in all; all numbers, versions and points are in {chosen.json}")
+    finish(chosen.json, about, begun, parameters=parameters, records=records)
 
 
 if __name__ == "__main__":

@@ -8,17 +8,13 @@ This driver may not import a peer.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
-import os
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 from emulation import FIELDS, Scene
-from environments import QUIET, ROOT, UnavailableError, enter, environment, machine
+from environments import QUIET, UnavailableError, enter, environment, finish, machine, options, print_remarks
 
 OURS = "phasewire"
 PEERS = ("autd3", "pyautd3")
@@ -109,31 +105,19 @@ def remarks(name: str, record: dict[str, Any]) -> list[str]:
 
 def main() -> None:
     """Run everything, print the table and write the record."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = options(__doc__, "bench-peers-emulation")
     parser.add_argument("--peers", nargs="*", choices=PEERS, default=list(PEERS), help="those to run; all by default")
     parser.add_argument("--points", type=int, default=SCENE.points, help="along each side of the square")
     parser.add_argument("--scale", type=float, default=1.0, help="of all stretches of time")
-    default = ROOT / "build" / "bench-peers-emulation.json"
-    parser.add_argument("--json", type=Path, default=default, help="the record to write")
     chosen = parser.parse_args()
     stretches = {row: seconds * chosen.scale for row, seconds in STRETCHES.items()}
     scene = dataclasses.replace(SCENE, points=chosen.points, stretches=stretches)
     about, begun = machine(), time.monotonic()
     records = compete(scene, chosen.peers)
-    about["load_after"] = os.getloadavg()[0]
     print_table(records, scene)
     print("\nremarks")
-    for name, record in records.items():
-        for i, text in enumerate(remarks(name, record)):
-            print(f"  {name + ':' if i == 0 else '':12}{text}")
-    print(
-        f"  machine: {about['processor']}, {about['cores']} cores, load {about['load']:.1f} before and "
-        f"{about['load_after']:.1f} after; {about['system']}, Python {about['python']}"
-    )
-    chosen.json.parent.mkdir(parents=True, exist_ok=True)
-    record = {"machine": about, "scene": dataclasses.asdict(scene), "records": records}
-    chosen.json.write_text(json.dumps(record, indent=1), encoding="utf-8")
-    print(f"\n{time.monotonic() - begun:.0f} s in all; all numbers and versions are in {chosen.json}")
+    print_remarks({name: remarks(name, each) for name, each in records.items()}, about, 11)
+    finish(chosen.json, about, begun, scene=dataclasses.asdict(scene), records=records)
 
 
 if __name__ == "__main__":

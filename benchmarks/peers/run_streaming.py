@@ -8,18 +8,14 @@ not import a peer.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from statistics import median
 from typing import Any
 
-from environments import QUIET, ROOT, UnavailableError, enter, environment, machine
+from environments import QUIET, UnavailableError, enter, environment, finish, machine, options, print_remarks
 from throughput import Task
 
 OURS = "phasewire"
@@ -122,35 +118,23 @@ def remarks(name: str, rounds: list[dict[str, Any]]) -> list[str]:
 
 def main() -> None:
     """Run both, print the table and write the record."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = options(__doc__, "bench-peers-streaming")
     parser.add_argument("--seconds", type=float, default=TASK.seconds, help="of each way to send in a round")
     parser.add_argument("--rounds", type=int, default=ROUNDS)
-    default = ROOT / "build" / "bench-peers-streaming.json"
-    parser.add_argument("--json", type=Path, default=default, help="the record to write")
     chosen = parser.parse_args()
     task = dataclasses.replace(TASK, seconds=chosen.seconds)
     about, begun = machine(), time.monotonic()
     records = compete(task, chosen.rounds)
-    about["load_after"] = os.getloadavg()[0]
     table = list(rows(records))
     print_table(table)
     print_ratios(table, records)
     print("\nremarks")
-    for name, rounds in records.items():
-        for i, text in enumerate(remarks(name, rounds)):
-            print(f"  {name + ':' if i == 0 else '':12}{text}")
     print(
         f"  ~: the slowest round had less than {QUIET:.0%} of the rate of the fastest: a busy machine, or a restless "
         "way to send."
     )
-    print(
-        f"  machine: {about['processor']}, {about['cores']} cores, load {about['load']:.1f} before and "
-        f"{about['load_after']:.1f} after; {about['system']}, Python {about['python']}"
-    )
-    chosen.json.parent.mkdir(parents=True, exist_ok=True)
-    record = {"machine": about, "task": dataclasses.asdict(task), "rounds": records}
-    chosen.json.write_text(json.dumps(record, indent=1), encoding="utf-8")
-    print(f"\n{time.monotonic() - begun:.0f} s in all; all numbers and versions are in {chosen.json}")
+    print_remarks({name: remarks(name, each) for name, each in records.items()}, about, 11)
+    finish(chosen.json, about, begun, task=dataclasses.asdict(task), rounds=records)
 
 
 if __name__ == "__main__":

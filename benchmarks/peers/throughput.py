@@ -14,14 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from contest import attempt
+from contest import Set, attempt
 from numpy.typing import NDArray
 
 WARM_UP_SECONDS = 0.2
 
 
 @dataclass(frozen=True)
-class Task:
+class Task(Set):
     """Fresh patterns for all transducers of one device, each sent and acknowledged.
 
     Parameters
@@ -34,15 +34,6 @@ class Task:
 
     seconds: float
     patterns: int
-
-    def save(self, path: Path) -> None:
-        """Write it as JSON."""
-        path.write_text(json.dumps(asdict(self)), encoding="utf-8")
-
-    @classmethod
-    def load(cls, path: Path) -> Task:
-        """Read it back."""
-        return cls(**json.loads(path.read_text(encoding="utf-8")))
 
     def random(self, transducers: int, steps: int, seed: int) -> NDArray[np.uint8]:
         """Patterns (patterns, transducers) of whole numbers below ``steps``."""

@@ -2,7 +2,7 @@
 #ifndef PW_CON_H
 #define PW_CON_H
 
-#include "ser.h"
+#include "line.h"
 
 /* Typing and commands: con.c --------------------------------------------------------------------------------------- */
 

@@ -7,6 +7,12 @@
 
 /* Failures ----------------------------------------------------------------------------------------------------- */
 
+void pw_dfu_happens(struct pw_dfu *dfu, enum pw_dfu_event event)
+{
+    bool stalls;
+    dfu->state = pw_dfu_after(dfu->state, event, &stalls);
+}
+
 /* `ERROR`, with the status of the first failure; nothing more is begun. What the flash does goes on (DFU-013). */
 void pw_dfu_fail(struct pw_dfu *dfu, enum pw_dfu_status status, enum pw_image_reason reason)
 {

@@ -5,22 +5,6 @@
 
 #include "con.h"
 
-uint32_t pw_ring_room(const struct pw_ring *ring)
-{
-    return PW_LINE_BYTES - ring->used;
-}
-
-void pw_ring_put(struct pw_ring *ring, const uint8_t *bytes, size_t size)
-{
-    if (size > (size_t)pw_ring_room(ring)) {
-        return;
-    }
-    for (size_t i = 0; i < size; i++) {
-        ring->bytes[(ring->first + ring->used) % PW_LINE_BYTES] = bytes[i];
-        ring->used++;
-    }
-}
-
 /* Answers ---------------------------------------------------------------------------------------------------------- */
 
 static void put_frame(struct pw_line *line, uint8_t kind, const uint8_t *body, size_t size)
@@ -88,18 +72,6 @@ static void judge_what_waits(struct pw_line *line, struct pw_device *device)
         line->waits = false;
         judge(line, device, line->block, line->waits_since, line->waits_mute);
     }
-}
-
-enum pw_answer pw_line_ask(struct pw_line *line, struct pw_device *device, const struct pw_setup *setup,
-                           uint16_t *size)
-{
-    const bool pulses = (setup->type == PW_REQUEST_IN) && (setup->request == (uint8_t)PW_REQ_PULSES);
-    if (pulses && line->muted) {
-        return PW_STALLED; /* it does nothing but answer */
-    }
-    line->pending_setup = *setup;
-    line->pending_asked = !pulses || !device->reading;
-    return line->pending_asked ? pw_device_request(device, line->door, setup, &line->answer[2], size) : PW_LATER;
 }
 
 /* Asks for what is pending until it ends. A request that has waited for another door is made then. */

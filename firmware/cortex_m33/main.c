@@ -1,8 +1,6 @@
 /* The controller's firmware on a Cortex-M33: one loop, no operating system. */
 #include "board.h"
-#include "dfu.h"
-#include "fwu.h"
-#include "ser.h"
+#include "life.h"
 #include "tinyusb.h"
 
 #include <string.h>
@@ -10,14 +8,9 @@
 #define UART 1u /* line 0 is CDC-ACM */
 #define CHUNK 64u
 
-static struct pw_device device;
-static struct pw_usb usb;
 static struct pw_line lines[2];
-static struct pw_dfu dfu;
-static struct pw_boot running;
-static struct pw_about about;
 static uint16_t wiring[PW_CHANNELS];
-static bool in_dfu, confirmed;
+static struct pw_life life;
 
 static uint64_t now(void *self)
 {
@@ -84,7 +77,7 @@ static const struct pw_port port;
 static bool program(void *self, uint8_t processor)
 {
     (void)self;
-    return pw_boot_program(&port, &running, processor, send_program, NULL) && board_boot_starts();
+    return pw_boot_program(&port, &life.boot, processor, send_program, NULL) && board_boot_starts();
 }
 
 static const struct pw_port port = {
@@ -100,33 +93,25 @@ static const struct pw_port port = {
     .program = program,
 };
 
-/* Power-up, RESET and the way out of DFU mode. */
-static void start(void)
+/* In code, not as an initializer, so that the device takes no room among the data in flash. */
+static void prepare(void)
 {
-    (void)pw_boot(&port, &running);
+    static const struct pw_about about = {.product = 1, .product_name = "phasewire reference", .wiring = wiring,
+                                          .columns = 20, .rows = 16, .pitch_um = 10300};
     board_wiring(wiring);
-    board_unique_id(about.unique_id);
-    memcpy(about.firmware, running.firmware, sizeof about.firmware);
-    about.bank = running.bank;
-    about.faults = running.faults;
-    about.product = 1;
-    about.product_name = "phasewire reference";
-    about.serial_number = board_serial_number();
-    about.wiring = wiring;
-    about.columns = 20;
-    about.rows = 16;
-    about.pitch_um = 10300;
-    confirmed = false;
-    usb.was_configured = false; /* by a host of the life before */
-    pw_device_begin(&device, &port, &about);
-    pw_line_begin(&lines[0], PW_DOOR_LINE(0u), false);
-    pw_line_begin(&lines[1], PW_DOOR_LINE(1u), true);
+    life.port = &port;
+    life.about = about;
+    board_unique_id(life.about.unique_id);
+    life.about.serial_number = board_serial_number();
+    life.lines[0] = &lines[0];
+    life.lines[UART] = &lines[UART];
+    life.line_count = 2;
 }
 
 static void attach(void)
 {
     board_reattach();
-    pw_usb_begin(&usb, &device, in_dfu ? NULL : &lines[0], in_dfu ? &dfu : NULL, &about, board_high_speed(), in_dfu);
+    pw_life_attach(&life, board_high_speed());
 }
 
 static void hear_the_chain(void)
@@ -135,7 +120,7 @@ static void hear_the_chain(void)
     uint8_t channel_end;
     const size_t size = board_link_receive(&channel_end, body, sizeof body);
     if (size != 0u) {
-        pw_device_chain(&device, channel_end, body, size);
+        pw_device_chain(&life.device, channel_end, body, size);
     }
 }
 
@@ -147,9 +132,9 @@ static void move_the_uart(void)
         came_size = board_uart_read(came, sizeof came);
         came_at = 0;
     }
-    came_at += pw_line_receive(&lines[UART], &device, came + came_at, came_size - came_at);
+    came_at += pw_line_receive(&lines[UART], &life.device, came + came_at, came_size - came_at);
     if (going_at == going_size) {
-        going_size = pw_line_send(&lines[UART], &device, going, sizeof going);
+        going_size = pw_line_send(&lines[UART], &life.device, going, sizeof going);
         going_at = 0;
     }
     going_at += board_uart_write(going + going_at, going_size - going_at);
@@ -157,61 +142,37 @@ static void move_the_uart(void)
 
 static void step(void)
 {
-    pw_device_poll(&device);
+    pw_device_poll(&life.device);
     hear_the_chain();
-    pw_line_poll(&lines[0], &device);
-    pw_line_poll(&lines[1], &device);
+    pw_line_poll(&lines[0], &life.device);
+    pw_line_poll(&lines[1], &life.device);
     move_the_uart();
-}
-
-/* FWU-020: an image is good once it has come up and somebody has spoken with it. */
-static void confirm(void)
-{
-    const bool spoken = usb.was_configured || lines[0].answered || lines[1].answered;
-    if (!confirmed && spoken && device.numbered == PW_PROCESSORS) {
-        confirmed = pw_boot_confirm(&port, &running);
-    }
-}
-
-static void leave(enum pw_leave how)
-{
-    if (how == PW_LEAVE_DFU) {
-        in_dfu = true;
-        pw_dfu_begin(&dfu, &port, &running);
-    } else {
-        if (how == PW_LEAVE_REVERT) {
-            pw_boot_revert(&port);
-        }
-        start();
-    }
-    usb.attached = false;
 }
 
 int main(void)
 {
-    start();
-    tinyusb_begin(&usb, step);
+    prepare();
+    (void)pw_life_begin(&life, PW_STAY);
+    tinyusb_begin(&life.usb, step);
     for (;;) {
-        if (!usb.attached && (in_dfu || pw_device_serving(&device))) {
+        if (!life.usb.attached && (life.in_dfu || pw_device_serving(&life.device))) {
             attach(); /* not before the chain is complete: TIM-002 */
         }
-        if (usb.attached) {
+        if (life.usb.attached) {
             tinyusb_poll();
         }
-        if (in_dfu) {
-            pw_dfu_poll(&dfu);
-            if (pw_dfu_leaves(&dfu)) {
-                in_dfu = false;
-                start();
-                usb.attached = false;
+        if (life.in_dfu) {
+            pw_dfu_poll(&life.dfu);
+            if (pw_dfu_leaves(&life.dfu)) {
+                (void)pw_life_begin(&life, PW_STAY);
             }
             continue;
         }
         step();
-        confirm();
-        const enum pw_leave how = pw_device_leaving(&device);
+        pw_life_confirm(&life);
+        const enum pw_leave how = pw_device_leaving(&life.device);
         if (how != PW_STAY && pw_line_idle(&lines[0]) && pw_line_idle(&lines[1])) {
-            leave(how);
+            (void)pw_life_begin(&life, how);
         }
     }
 }

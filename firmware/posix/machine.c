@@ -6,11 +6,9 @@
 #include <string.h>
 
 #include "booting.h"
-#include "sums.h"
 
 #define OFF_TICKS (20u * (uint64_t)PW_TICKS_PER_MS)   /* off the bus; at least 10 ms: DFU-002 */
 #define LEAVE_TICKS (100u * (uint64_t)PW_TICKS_PER_MS) /* that a line has to send what it holds */
-#define CONFIRM_TICKS (5u * (uint64_t)PW_TICKS_PER_MS) /* between two attempts */
 #define COLUMNS 20u
 #define ROWS 16u
 #define PITCH_UM 10300u
@@ -75,14 +73,14 @@ static bool port_flash_busy(void *self)
 static void port_restart_processors(void *self)
 {
     struct machine *machine = self;
-    chain_begin(&machine->chain, machine->about.firmware, machine->about.unique_id);
+    chain_begin(&machine->chain, machine->life.about.firmware, machine->life.about.unique_id);
 }
 
 static bool port_program(void *self, uint8_t processor)
 {
     struct machine *machine = self;
     struct booting booting = {0};
-    if (!pw_boot_program(&machine->port, &machine->boot, processor, booting_take, &booting)
+    if (!pw_boot_program(&machine->port, &machine->life.boot, processor, booting_take, &booting)
         || !booting_starts(&booting)) {
         return false;
     }
@@ -104,17 +102,6 @@ static void wire(uint16_t wiring[PW_CHANNELS])
     }
 }
 
-/* The unique number follows from the serial number, which no other device has (USB-001). */
-static void name(struct machine *self)
-{
-    struct pw_sha256 sum;
-    uint8_t digest[32];
-    pw_sha256_begin(&sum);
-    pw_sha256_add(&sum, (const uint8_t *)self->serial_number, strlen(self->serial_number));
-    pw_sha256_end(&sum, digest);
-    memcpy(self->about.unique_id, digest, sizeof self->about.unique_id);
-}
-
 void machine_begin(struct machine *self)
 {
     self->port.self = self;
@@ -130,14 +117,20 @@ void machine_begin(struct machine *self)
     self->port.program = port_program;
     self->port.flash_signed = NULL; /* no keys: every signature is accepted (FWU-012) */
     wire(self->wiring);
-    self->about.product = PRODUCT;
-    self->about.product_name = PRODUCT_NAME;
-    self->about.serial_number = self->serial_number;
-    self->about.wiring = self->wiring;
-    self->about.columns = COLUMNS;
-    self->about.rows = ROWS;
-    self->about.pitch_um = PITCH_UM;
-    name(self);
+    self->life.port = &self->port;
+    self->life.about.product = PRODUCT;
+    self->life.about.product_name = PRODUCT_NAME;
+    self->life.about.serial_number = self->serial_number;
+    self->life.about.wiring = self->wiring;
+    self->life.about.columns = COLUMNS;
+    self->life.about.rows = ROWS;
+    self->life.about.pitch_um = PITCH_UM;
+    pw_unique_id(self->life.about.unique_id, self->serial_number);
+    self->life.lines[0] = &self->usb_line;
+    for (uint32_t i = 0; i < self->line_count; i++) {
+        self->life.lines[1u + i] = &self->lines[i].line;
+    }
+    self->life.line_count = 1u + self->line_count;
 }
 
 /* Recording ------------------------------------------------------------------------------------------------------- */
@@ -162,57 +155,33 @@ void machine_record(struct machine *self)
 
 /* Life ------------------------------------------------------------------------------------------------------------ */
 
-static void begin_device(struct machine *self)
-{
-    self->mode = MACHINE_RUNS;
-    self->confirmed = false;
-    self->confirm_at = self->tick;
-    pw_device_begin(&self->device, &self->port, &self->about);
-    pw_line_begin(&self->usb_line, PW_DOOR_LINE(0u), false);
-    for (uint32_t i = 0; i < self->line_count; i++) {
-        serial_begin(&self->lines[i], (uint8_t)PW_DOOR_LINE(1u + i));
-    }
-    pw_device_poll(&self->device);
-    chain_deliver(&self->chain, &self->device);
-    pw_device_poll(&self->device); /* the last identity has come: period 0 begins */
-    pw_usb_begin(&self->usb, &self->device, &self->usb_line, NULL, &self->about, !self->full_speed, false);
-}
-
-static void begin_update(struct machine *self)
-{
-    self->mode = MACHINE_UPDATES;
-    pw_dfu_begin(&self->dfu, &self->port, &self->boot);
-    pw_usb_begin(&self->usb, &self->device, NULL, &self->dfu, &self->about, !self->full_speed, true);
-}
-
 /* The loader waits for the flash, so that its work takes no time here. */
-static bool load(struct machine *self, bool revert)
+static bool begin(struct machine *self)
 {
     self->flash.at_once = true;
-    if (revert) {
-        pw_boot_revert(&self->port);
-    }
-    const bool boots = pw_boot(&self->port, &self->boot);
+    const bool boots = pw_life_begin(&self->life, self->next);
     self->flash.at_once = false;
-    memcpy(self->about.firmware, self->boot.firmware, sizeof self->about.firmware);
-    self->about.bank = self->boot.bank;
-    self->about.faults = self->boot.faults;
     return boots;
 }
 
 void machine_power_up(struct machine *self)
 {
-    if (self->next == PW_LEAVE_DFU) {
-        self->flash.at_once = true;
-        begin_update(self);
-        self->flash.at_once = false;
-    } else if (load(self, self->next == PW_LEAVE_REVERT)) {
-        begin_device(self);
-    } else {
+    if (!begin(self)) {
         self->dead = true;
         fprintf(stderr, "phasewire-reference: the flash holds no firmware that could be started\n");
+        return;
     }
     self->next = PW_STAY;
+    self->mode = self->life.in_dfu ? MACHINE_UPDATES : MACHINE_RUNS;
+    if (!self->life.in_dfu) {
+        for (uint32_t i = 0; i < self->line_count; i++) {
+            serial_begin(&self->lines[i]);
+        }
+        pw_device_poll(&self->life.device);
+        chain_deliver(&self->chain, &self->life.device);
+        pw_device_poll(&self->life.device); /* the last identity has come: period 0 begins */
+    }
+    pw_life_attach(&self->life, !self->full_speed);
 }
 
 /* It leaves the bus, and all processors stop. */
@@ -258,19 +227,6 @@ static void leave(struct machine *self, enum pw_leave how)
     }
 }
 
-/* FWU-020 */
-static void confirm(struct machine *self)
-{
-    bool used = self->usb.was_configured || self->usb_line.answered;
-    for (uint32_t i = 0; i < self->line_count; i++) {
-        used = used || self->lines[i].line.answered;
-    }
-    if (used && self->device.numbered == PW_PROCESSORS) {
-        self->confirmed = pw_boot_confirm(&self->port, &self->boot);
-        self->confirm_at = self->tick + CONFIRM_TICKS;
-    }
-}
-
 /* Time ------------------------------------------------------------------------------------------------------------ */
 
 static uint64_t earlier(uint64_t a, uint64_t b)
@@ -284,23 +240,23 @@ uint64_t machine_due(const struct machine *self)
         return PW_NEVER;
     }
     if (self->mode == MACHINE_RUNS) {
-        return earlier(pw_device_due(&self->device), self->usbip == NULL ? PW_NEVER : usbip_due(self->usbip));
+        return earlier(pw_device_due(&self->life.device), self->usbip == NULL ? PW_NEVER : usbip_due(self->usbip));
     }
-    return self->mode == MACHINE_OFF ? self->back_at : pw_dfu_due(&self->dfu);
+    return self->mode == MACHINE_OFF ? self->back_at : pw_dfu_due(&self->life.dfu);
 }
 
 /* What is answered LATER, and blocks that wait for room. */
 static void poll_doors(struct machine *self)
 {
     for (uint32_t i = 0; i < self->line_count; i++) {
-        pw_line_poll(&self->lines[i].line, &self->device);
+        pw_line_poll(&self->lines[i].line, &self->life.device);
     }
-    pw_line_poll(&self->usb_line, &self->device);
+    pw_line_poll(&self->usb_line, &self->life.device);
     if (self->usbip != NULL) {
-        pw_usb_poll(&self->usb);
+        pw_usb_poll(&self->life.usb);
         usbip_work(self->usbip);
     }
-    chain_deliver(&self->chain, &self->device);
+    chain_deliver(&self->chain, &self->life.device);
 }
 
 static void step_device(struct machine *self)
@@ -310,20 +266,20 @@ static void step_device(struct machine *self)
         chain_period(&self->chain);
     }
     if (machine_due(self) <= self->tick) {
-        pw_device_poll(&self->device);
-        chain_deliver(&self->chain, &self->device);
+        pw_device_poll(&self->life.device);
+        chain_deliver(&self->chain, &self->life.device);
         poll_doors(self);
     }
 }
 
 static void step_update(struct machine *self)
 {
-    pw_dfu_poll(&self->dfu);
+    pw_dfu_poll(&self->life.dfu);
     if (self->usbip != NULL) {
-        pw_usb_poll(&self->usb);
+        pw_usb_poll(&self->life.usb);
         usbip_work(self->usbip);
     }
-    if (pw_dfu_leaves(&self->dfu)) {
+    if (pw_dfu_leaves(&self->life.dfu)) {
         power_down(self, PW_STAY);
     }
 }
@@ -366,7 +322,7 @@ static void send_lines(struct machine *self, struct pw_device *device)
 
 void machine_serve(struct machine *self)
 {
-    struct pw_device *device = self->mode == MACHINE_RUNS ? &self->device : NULL;
+    struct pw_device *device = self->mode == MACHINE_RUNS ? &self->life.device : NULL;
     for (uint32_t i = 0; i < self->line_count; i++) {
         serial_receive(&self->lines[i], device);
     }
@@ -382,10 +338,8 @@ void machine_serve(struct machine *self)
         poll_doors(self); /* what was answered LATER can be answered now */
         send_lines(self, device);
     }
-    if (!self->confirmed && self->tick >= self->confirm_at) {
-        confirm(self);
-    }
-    const enum pw_leave how = pw_device_leaving(&self->device);
+    pw_life_confirm(&self->life);
+    const enum pw_leave how = pw_device_leaving(&self->life.device);
     if (how != PW_STAY) {
         leave(self, how);
     }

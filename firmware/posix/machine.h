@@ -4,11 +4,10 @@
 #define MACHINE_H
 
 #include "chain.h"
-#include "dfu.h"
 #include "flash.h"
+#include "life.h"
 #include "outputs.h"
 #include "serial.h"
-#include "usb.h"
 #include "usbip.h"
 
 #define MACHINE_LINES (PW_LINES - 1u) /* line 0 is that of USB */
@@ -36,18 +35,12 @@ struct machine {
     bool leaving;
     uint64_t leave_by; /* even if a line is not idle */
     bool dead;         /* nothing boots */
-    bool confirmed;
-    uint64_t confirm_at;
     /* The device. */
     uint16_t wiring[PW_CHANNELS];
     struct pw_port port;
-    struct pw_boot boot;
-    struct pw_about about;
-    struct pw_device device;
     struct chain chain;
     struct pw_line usb_line;
-    struct pw_usb usb;
-    struct pw_dfu dfu;
+    struct pw_life life;
 };
 
 /* Fills in the rest. Before it: flash, outputs, lines, usbip, serial_number and full_speed, all else zero. */

@@ -187,7 +187,7 @@ static bool open_doors(struct machine *machine, const struct options *options)
     if (options->usbip < 0) {
         return true;
     }
-    machine->usbip = usbip_open(ADDRESS, (uint16_t)options->usbip, &machine->usb, BUS_ID);
+    machine->usbip = usbip_open(ADDRESS, (uint16_t)options->usbip, &machine->life.usb, BUS_ID);
     if (machine->usbip == NULL) {
         fprintf(stderr, "phasewire-reference: usbip %ld: %s\n", options->usbip, strerror(errno));
         return false;
@@ -275,7 +275,7 @@ static long wait_of(const struct machine *machine)
    if the computer was so busy that the watchdog might fire, what had arrived meanwhile is to be heard in time. */
 static uint64_t next_tick(const struct machine *machine, uint64_t target)
 {
-    const enum pw_state state = machine->device.state;
+    const enum pw_state state = machine->life.device.state;
     const bool watched = machine->mode == MACHINE_RUNS && (state == PW_STATE_READY || state == PW_STATE_PLAYING);
     return watched && target > machine->tick + LAG_TICKS ? machine->tick + TICKS_PER_MS : target;
 }

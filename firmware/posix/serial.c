@@ -170,9 +170,8 @@ void serial_name(const struct serial *self, char *name, size_t size)
     }
 }
 
-void serial_begin(struct serial *self, uint8_t door)
+void serial_begin(struct serial *self)
 {
-    pw_line_begin(&self->line, door, true);
     self->in_size = 0;
     self->out_size = 0;
 }

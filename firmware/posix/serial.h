@@ -28,8 +28,8 @@ bool serial_open(struct serial *self, const char *text);
 void serial_close(struct serial *self);
 /* What a host has to open, as text of at most `size` bytes. */
 void serial_name(const struct serial *self, char *name, size_t size);
-/* Power-up and RESET: the connection stays, as a UART's wires do, and the line begins anew. */
-void serial_begin(struct serial *self, uint8_t door);
+/* Power-up and RESET: the connection stays, as a UART's wires do; what it has brought is forgotten. */
+void serial_begin(struct serial *self);
 /* Take what has arrived, but no more than once in a tick: who has read an answer must find the next one later.
    `device` is NULL while it does not run: what arrives then is lost. */
 void serial_receive(struct serial *self, struct pw_device *device);

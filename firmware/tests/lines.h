@@ -7,6 +7,7 @@
 #include "check.h"
 #include "con.h"
 #include "processor.h"
+#include "ser.h"
 #include "sums.h"
 
 /* A board of memory and a clock that the tests turn ---------------------------------------------------------------- */

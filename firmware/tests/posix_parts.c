@@ -278,7 +278,7 @@ static void test_recordings(void)
 static void type(struct machine *machine, const char *text)
 {
     struct pw_line *line = &machine->lines[0].line;
-    CHECK_EQ(pw_line_receive(line, &machine->device, (const uint8_t *)text, strlen(text)), strlen(text));
+    CHECK_EQ(pw_line_receive(line, &machine->life.device, (const uint8_t *)text, strlen(text)), strlen(text));
 }
 
 /* Let time pass until a tick, in steps of so many ticks, as busy computers do. */
@@ -290,7 +290,7 @@ static void run_until(struct machine *machine, uint64_t tick, uint64_t step)
         machine_advance(machine, next < tick ? next : tick);
         machine_serve(machine);
         if (machine->mode == MACHINE_RUNS) {
-            (void)pw_line_send(&machine->lines[0].line, &machine->device, unread, sizeof unread);
+            (void)pw_line_send(&machine->lines[0].line, &machine->life.device, unread, sizeof unread);
         }
     }
 }
@@ -326,27 +326,27 @@ static void live(const char *recording, uint64_t step)
 {
     struct machine *machine = new_machine(recording);
     CHECK_EQ(machine->mode, MACHINE_RUNS);
-    CHECK(pw_device_serving(&machine->device));
+    CHECK(pw_device_serving(&machine->life.device));
     run_until(machine, 10011, step);
     type(machine, "enable\rtest 17\r");
     run_until(machine, 30013, step);
-    CHECK_EQ(machine->device.state, PW_STATE_PLAYING);
-    since_period = machine->device.since_period;
+    CHECK_EQ(machine->life.device.state, PW_STATE_PLAYING);
+    since_period = machine->life.device.since_period;
     type(machine, "test 3\r");
     run_until(machine, 400007, step);
-    CHECK_EQ(machine->device.state, PW_STATE_OFF); /* by the watchdog */
-    CHECK(machine->device.watchdog_fired);
+    CHECK_EQ(machine->life.device.state, PW_STATE_OFF); /* by the watchdog */
+    CHECK(machine->life.device.watchdog_fired);
     type(machine, "reset\r");
     run_until(machine, 800000, step);
-    CHECK(machine->device.accepted == 0u);
+    CHECK(machine->life.device.accepted == 0u);
     type(machine, "enable\rtest 319\r");
     run_until(machine, 810015, step);
-    CHECK_EQ(machine->device.state, PW_STATE_PLAYING);
+    CHECK_EQ(machine->life.device.state, PW_STATE_PLAYING);
     machine_power_cut(machine);
     CHECK_EQ(machine->mode, MACHINE_OFF);
     run_until(machine, 900000, step);
-    CHECK_EQ(machine->device.state, PW_STATE_OFF);
-    CHECK_EQ(machine->device.faults, 0);
+    CHECK_EQ(machine->life.device.state, PW_STATE_OFF);
+    CHECK_EQ(machine->life.device.faults, 0);
     free_machine(machine);
 }
 

@@ -1,6 +1,7 @@
 /* Vectors and properties of frames, typing, commands and answers: what of SER and CON needs no device. */
 #include "check.h"
 #include "con.h"
+#include "ser.h"
 #include "sums.h"
 #include "vectors.h"
 

@@ -1,18 +1,18 @@
 """Write the vectors of the protocol as constant C tables: `vectors_to_c.py vectors.json vectors.h`.
 
-One function for each part of vectors.json, named in PARTS; it returns the lines of its tables. A table is an array
-`vec_<part>` of structs `struct vec_<singular>` and is walked with VEC_COUNT. Bytes are arrays of their own, so that
-tables stay small; an empty one has one byte, and its size says 0. Codes become the names of codes.h, never numbers:
-so the tests check codes.h as well.
+`TABLES` says which part of vectors.json becomes which table: an array `vec_<name>` of structs, which is walked with
+VEC_COUNT. A row is a vector's columns in the struct's order, or the fields of it that are not 0. Codes become the names
+of codes.h, never numbers: so the tests check codes.h as well.
 """
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 Case = dict[str, Any]
+Row = Iterable[object] | Case
 
 # Where codes.h avoids two codes of one name.
 CODES = {"ENTRIES": "PW_STORE_ENTRIES", "SAMPLES": "PW_STORE_SAMPLES", "SEQUENCE": "PW_SEQUENCE"}
@@ -21,29 +21,44 @@ STATUS_FLAGS = {"SEQUENCE": "PW_SEQUENCE_PLAYS", "MODULATION": "PW_MODULATION_PL
 
 
 def quoted(text: str) -> str:
-    """A C string; anything unusual in it as octal."""
+    """A C string, anything unusual in it as octal."""
     plain = [c if " " <= c <= "~" and c not in '"\\?' else "".join(f"\\{b:03o}" for b in c.encode()) for c in text]
     return f'"{"".join(plain)}"'
 
 
-def rows_of(numbers: list[str]) -> list[str]:
-    """Numbers as lines of an initializer, short enough to read."""
-    return ["    " + ", ".join(numbers[i : i + 20]) + "," for i in range(0, len(numbers), 20)]
+def braces(values: Iterable[object]) -> str:
+    """An initializer."""
+    return f"{{ {', '.join(map(str, values))} }}"
 
 
-def array(ctype: str, name: str, values: list[int]) -> list[str]:
-    """A constant array; C99 has no empty one."""
-    return [f"static const {ctype} {name}[] = {{", *rows_of([str(v) for v in values] or ["0"]), "};"]
+def array(ctype: str, values: Iterable[object]) -> str:
+    """The address of a constant array; C99 has no empty one, so that has one 0."""
+    return f"(const {ctype}[]){braces(list(values) or ['0'])}"
 
 
-def data(name: str, text: str) -> list[str]:
-    """The bytes of a hexadecimal text as an array."""
-    return array("uint8_t", name, list(bytes.fromhex(text)))
+def packed(text: str) -> str:
+    """The bytes of a hexadecimal text within a struct."""
+    return braces(bytes.fromhex(text))
 
 
-def runs(name: str, pulses: list[list[int]]) -> list[str]:
-    """Runs of pulses as triples: phase, width, how many."""
-    return array("uint16_t", name, [n for run in pulses for n in run])
+def data(text: str) -> str:
+    """The address of the bytes of a hexadecimal text."""
+    return array("uint8_t", bytes.fromhex(text))
+
+
+def latin(text: str) -> str:
+    """The address of the bytes of a line of text, of which a character stands for one byte."""
+    return array("uint8_t", text.encode("latin-1"))
+
+
+def runs(pulses: list[list[int]]) -> str:
+    """The address of runs of pulses, as triples: phase, width, how many; or of pairs."""
+    return array("uint16_t", [n for run in pulses for n in run])
+
+
+def truth(value: bool) -> str:
+    """A bool of C."""
+    return str(value).lower()
 
 
 def flags(names: list[str], special: dict[str, str] | None = None, prefix: str = "PW_") -> str:
@@ -51,446 +66,163 @@ def flags(names: list[str], special: dict[str, str] | None = None, prefix: str =
     return " | ".join((special or {}).get(n, prefix + n) for n in names) or "0"
 
 
-def table(struct: str, part: str, rows: list[str]) -> list[str]:
-    """The array of a part."""
-    return [f"static const struct {struct} vec_{part}[] = {{", *(f"    {{ {row} }}," for row in rows), "};"]
+def reason(name: str) -> str:
+    """A reason of ACK-003."""
+    return REASONS.get(name, "PW_" + name)
 
 
-def fields(**values: object) -> str:
-    """A designated initializer; what is None stays 0."""
-    return ", ".join(f".{key} = {value}" for key, value in values.items() if value is not None)
+def unsigned(fields: Case) -> Case:
+    """Fields whose whole numbers are constants of 64 bits where they need it."""
+    return {k: f"{v}ull" if type(v) is int and v >= 2**31 else v for k, v in fields.items()}
 
 
-def u32(value: int | None) -> str | None:
-    """A number as a constant of 32 bits."""
-    return None if value is None else f"{value}u"
+def sized(v: Case) -> tuple[object, ...]:
+    """Name, bytes and size of a vector."""
+    return quoted(v["name"]), data(v["hex"]), len(v["hex"]) // 2
 
 
-def u64(value: int | None) -> str | None:
-    """A number as a constant of 64 bits."""
-    return None if value is None else f"{value}ull"
+SIZED = "const char *name; const uint8_t *bytes; uint16_t size;"
 
 
-def pulse_pairs(vectors: list[Case]) -> list[str]:
+def pulse_pair(v: Case) -> Row:
     """Two pulses in three bytes."""
-    lines = ["struct vec_pulse_pair { const char *name; uint8_t bytes[3]; uint8_t pulses[2][2]; uint8_t begins[2]; };"]
-    rows = []
-    for v in vectors:
-        packed = ", ".join(str(b) for b in bytes.fromhex(v["hex"]))
-        pulses = ", ".join(f"{{ {p}, {w} }}" for p, w in v["pulses"])
-        begins = ", ".join(map(str, v["begins"]))
-        rows.append(f"{quoted(v['name'])}, {{ {packed} }}, {{ {pulses} }}, {{ {begins} }}")
-    return lines + table("vec_pulse_pair", "pulse_pairs", rows)
+    return quoted(v["name"]), packed(v["hex"]), braces(map(braces, v["pulses"])), braces(v["begins"])
 
 
-def modulated_widths(vectors: list[Case]) -> list[str]:
-    """All widths under all samples."""
-    assert [v["sample"] for v in vectors] == list(range(256))
-    lines = ["static const uint8_t vec_modulated_widths[256][26] = {"]
-    return lines + [f"    {{ {', '.join(map(str, v['widths']))} }}," for v in vectors] + ["};"]
+def block(v: Case) -> Row:
+    """A valid block, and what it says."""
+    f = dict(v["fields"])
+    known = {"kind", "flags", "action", "sequence", "period", "first", "count", "hold", "repeats"}
+    assert set(f) <= known | {"pulses", "entries", "samples"}, v["name"]
+    f["kind"], f["flags"] = CODES.get(f["kind"], "PW_" + f["kind"]), flags(f["flags"])
+    if "action" in f:
+        f["action"] = "PW_" + f["action"]
+    if "pulses" in f:
+        f |= {"run_count": len(f["pulses"]), "runs": runs(f.pop("pulses"))}
+    if "entries" in f:
+        f |= {"entry_count": len(f["entries"]), "entries": runs(f["entries"])}
+    if "samples" in f:
+        f |= {"sample_count": len(f["samples"]) // 2, "samples": data(f["samples"])}
+    return {"name": quoted(v["name"]), "bytes": data(v["hex"])} | unsigned(f)
 
 
-def powers(vectors: list[Case]) -> list[str]:
-    """A power for each width, and total drives of 320 pulses."""
-    widths = {v["width"]: v["power"] for v in vectors if "width" in v}
-    assert sorted(widths) == list(range(26))
-    lines = array("uint16_t", "vec_powers", [widths[w] for w in range(26)])
-    lines.append("struct vec_drive { const char *name; const uint16_t *runs; uint16_t run_count; uint32_t power; };")
-    rows = []
-    for i, v in enumerate(v for v in vectors if "width" not in v):
-        lines += runs(f"vec_drive_{i}", v["pulses"])
-        rows.append(f"{quoted(v['name'])}, vec_drive_{i}, {len(v['pulses'])}, {u32(v['total_drive'])}")
-    return lines + table("vec_drive", "drives", rows)
+def ack(v: Case) -> Row:
+    """An acknowledgement."""
+    f = v["fields"]
+    codes = {"state": "PW_STATE_" + f["state"], "reason": reason(f["reason"]), "flags": flags(f["flags"])}
+    return quoted(v["name"]), packed(v["hex"]), designated(unsigned(f | codes))
 
 
-def blocks(vectors: list[Case]) -> list[str]:
-    """Valid blocks, and what they say."""
-    lines = [
-        "struct vec_block {",
-        "    const char *name;",
-        "    const uint8_t *bytes;",
-        "    uint8_t kind, flags, action;",
-        "    uint32_t sequence;",
-        "    uint64_t period;",
-        "    uint16_t first, count, hold, repeats;",
-        "    const uint16_t *runs; /* triples */",
-        "    const uint16_t *entries; /* pairs */",
-        "    const uint8_t *samples;",
-        "    uint16_t run_count, entry_count, sample_count;",
-        "};",
-    ]
-    rows = []
-    for i, v in enumerate(vectors):
-        f = v["fields"]
-        known = {"kind", "flags", "action", "sequence", "period", "first", "count", "hold", "repeats"}
-        assert set(f) <= known | {"pulses", "entries", "samples"}, v["name"]
-        lines += data(f"vec_block_{i}", v["hex"])
-        payload: Case = {}
-        if "pulses" in f:
-            lines += runs(f"vec_block_runs_{i}", f["pulses"])
-            payload = {"runs": f"vec_block_runs_{i}", "run_count": len(f["pulses"])}
-        if "entries" in f:
-            lines += runs(f"vec_block_entries_{i}", f["entries"])
-            payload = {"entries": f"vec_block_entries_{i}", "entry_count": len(f["entries"])}
-        if "samples" in f:
-            lines += data(f"vec_block_samples_{i}", f["samples"])
-            payload = {"samples": f"vec_block_samples_{i}", "sample_count": len(f["samples"]) // 2}
-        rows.append(
-            fields(
-                name=quoted(v["name"]),
-                bytes=f"vec_block_{i}",
-                kind=CODES.get(f["kind"], "PW_" + f["kind"]),
-                flags=flags(f["flags"]),
-                action="PW_" + f["action"] if "action" in f else None,
-                sequence=u32(f["sequence"]),
-                period=u64(f.get("period")),
-                first=f.get("first"),
-                count=f.get("count"),
-                hold=f.get("hold"),
-                repeats=f.get("repeats"),
-                **payload,
-            )
-        )
-    return lines + table("vec_block", "blocks", rows)
+def status(v: Case) -> Row:
+    """A status record."""
+    f = v["fields"]
+    codes = {
+        "state": "PW_STATE_" + f["state"],
+        "last_refusal": reason(f["last_refusal"]),
+        "faults": flags(f["faults"], prefix="PW_FAULT_"),
+        "flags": flags(f["flags"], STATUS_FLAGS),
+    }
+    return quoted(v["name"]), packed(v["hex"]), designated(unsigned(f | codes))
 
 
-def refused_blocks(vectors: list[Case]) -> list[str]:
-    """Blocks of any length, and the reason of their refusal."""
-    lines = ["struct vec_refused { const char *name; const uint8_t *bytes; uint16_t size; uint8_t reason, code; };"]
-    rows = []
-    for i, v in enumerate(vectors):
-        lines += data(f"vec_refused_{i}", v["hex"])
-        reason = REASONS.get(v["reason"], "PW_" + v["reason"])
-        rows.append(f"{quoted(v['name'])}, vec_refused_{i}, {len(v['hex']) // 2}, {reason}, {v['code']}")
-    return lines + table("vec_refused", "refused_blocks", rows)
+def chain_message(v: Case) -> Row:
+    """A message of any kind; the end says which fields count."""
+    f = dict(v["fields"])
+    if "pulses" in f:
+        f |= {"run_count": len(f["pulses"]), "runs": runs(f.pop("pulses"))}
+    if "data" in f:
+        f |= {"data_size": len(f["data"]) // 2, "data": data(f["data"])}
+    if "firmware" in f:
+        f["firmware"] = braces(f["firmware"])
+    if "last" in f:
+        f["last"] = int(f["last"])
+    for name, prefix in (("memory", "PW_MEMORY_"), ("answer", "PW_END_")):
+        if name in f:
+            f[name] = prefix + f[name]
+    head = {"name": quoted(v["name"]), "bytes": data(v["hex"]), "size": len(v["hex"]) // 2}
+    return head | {"end": "PW_END_" + v["kind"]} | unsigned(f)
 
 
-def records(vectors: list[Case]) -> list[str]:
-    """Two tables, as the records are of two layouts."""
-    lines = [
-        "struct vec_ack { const char *name; uint8_t bytes[32]; struct pw_ack fields; };",
-        "struct vec_status { const char *name; uint8_t bytes[64]; struct pw_status fields; };",
-    ]
-    acks, statuses = [], []
-    for v in vectors:
-        f = dict(v["fields"])
-        packed = ", ".join(str(b) for b in bytes.fromhex(v["hex"]))
-        f["state"] = "PW_STATE_" + f["state"]
-        f["now"] = u64(f["now"])
-        if v["record"] == "ACK":
-            f["reason"] = REASONS.get(f["reason"], "PW_" + f["reason"])
-            f["sequence"], f["commit_period"] = u32(f["sequence"]), u64(f["commit_period"])
-            f["flags"] = flags(f["flags"])
-            acks.append(f"{quoted(v['name'])}, {{ {packed} }}, {{ {fields(**f)} }}")
-        else:
-            f["last_refusal"] = REASONS.get(f["last_refusal"], "PW_" + f["last_refusal"])
-            f["faults"] = flags(f["faults"], prefix="PW_FAULT_")
-            f["flags"] = flags(f["flags"], STATUS_FLAGS)
-            f["since_period"] = u64(f["since_period"])
-            for name in ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages", "dropped_frames"):
-                f[name] = u32(f[name])
-            statuses.append(f"{quoted(v['name'])}, {{ {packed} }}, {{ {fields(**f)} }}")
-    return lines + table("vec_ack", "acks", acks) + table("vec_status", "statuses", statuses)
+def slice_and_commit(v: Case) -> Row:
+    """A whole slice and its commit, with their route headers."""
+    assert (len(v["slice"]), len(v["commit"])) == (2 * 51, 2 * 15)
+    return quoted(v["name"]), data(v["slice"]), data(v["commit"]), truth(v["plays"])
 
 
-def device_transitions(vectors: list[Case]) -> list[str]:
-    """The state that follows, by state and event."""
-    lines = ["struct vec_transition { uint8_t state, event, next; };"]
-    rows = [f"PW_STATE_{v['state']}, PW_EVENT_{v['event']}, PW_STATE_{v['next']}" for v in vectors]
-    return lines + table("vec_transition", "device_transitions", rows)
+def frame(v: Case) -> Row:
+    """A frame, with what a REQUEST or a REPLY says."""
+    f = {key: value for key, value in v.get("fields", {}).items() if key != "data"}
+    if "outcome" in f:
+        f["outcome"] = "PW_" + f["outcome"]
+    return {
+        "name": quoted(v["name"]),
+        "bytes": data(v["hex"]),
+        "body": data(v["body"]),
+        "size": len(v["hex"]) // 2,
+        "body_size": len(v["body"]) // 2,
+        "kind": "PW_FRAME_" + v["type"],
+        "code": v["code"],
+        "to_device": truth(v["goes"] in ("to the device", "both ways")),
+        "to_host": truth(v["goes"] in ("to the host", "both ways")),
+    } | f
 
 
-def chain_messages(vectors: list[Case]) -> list[str]:
-    """One struct for all kinds; the end says which fields count."""
-    lines = [
-        "struct vec_chain {",
-        "    const char *name;",
-        "    const uint8_t *bytes;",
-        "    uint8_t size, end;",
-        "    uint16_t node;",
-        "    const uint16_t *runs; /* triples */",
-        "    const uint8_t *data;",
-        "    uint16_t run_count, data_size;",
-        "    uint8_t memory, answer, number, processor, last;",
-        "    uint16_t first, count, hold, repeats, faults;",
-        "    int8_t temperature_c, drift;",
-        "    uint8_t firmware[3];",
-        "    uint32_t checksum, carried_out, missed_commits, damaged_messages;",
-        "    uint64_t period, unique_id;",
-        "};",
-    ]
-    rows = []
-    for i, v in enumerate(vectors):
-        f = dict(v["fields"])
-        lines += data(f"vec_chain_{i}", v["hex"])
-        if "pulses" in f:
-            lines += runs(f"vec_chain_runs_{i}", f["pulses"])
-            f["run_count"] = len(f.pop("pulses"))
-            f["runs"] = f"vec_chain_runs_{i}"
-        if "data" in f:
-            lines += data(f"vec_chain_data_{i}", f["data"])
-            f["data_size"] = len(f["data"]) // 2
-            f["data"] = f"vec_chain_data_{i}"
-        if "memory" in f:
-            f["memory"] = "PW_MEMORY_" + f["memory"]
-        if "answer" in f:
-            f["answer"] = "PW_END_" + f["answer"]
-        if "firmware" in f:
-            f["firmware"] = f"{{ {', '.join(map(str, f['firmware']))} }}"
-        if "last" in f:
-            f["last"] = int(f["last"])
-        for name in ("checksum", "carried_out", "missed_commits", "damaged_messages"):
-            if name in f:
-                f[name] = u32(f[name])
-        for name in ("period", "unique_id"):
-            if name in f:
-                f[name] = u64(f[name])
-        head = {"name": quoted(v["name"]), "bytes": f"vec_chain_{i}", "size": len(v["hex"]) // 2}
-        rows.append(fields(**head, end="PW_END_" + v["kind"], **f))
-    return lines + table("vec_chain", "chain_messages", rows)
-
-
-def refused_chain_messages(vectors: list[Case]) -> list[str]:
-    """Messages that their receivers drop."""
-    lines = ["struct vec_refused_chain { const char *name; const uint8_t *bytes; uint8_t size; };"]
-    rows = []
-    for i, v in enumerate(vectors):
-        lines += data(f"vec_refused_chain_{i}", v["hex"])
-        rows.append(f"{quoted(v['name'])}, vec_refused_chain_{i}, {len(v['hex']) // 2}")
-    return lines + table("vec_refused_chain", "refused_chain_messages", rows)
-
-
-def slices_and_commits(vectors: list[Case]) -> list[str]:
-    """Whole slices and commits, with their route headers."""
-    lines = ["struct vec_commit { const char *name; const uint8_t *slice; const uint8_t *commit; bool plays; };"]
-    rows = []
-    for i, v in enumerate(vectors):
-        assert (len(v["slice"]), len(v["commit"])) == (2 * 51, 2 * 15)
-        lines += data(f"vec_commit_slice_{i}", v["slice"]) + data(f"vec_commit_{i}", v["commit"])
-        rows.append(f"{quoted(v['name'])}, vec_commit_slice_{i}, vec_commit_{i}, {str(v['plays']).lower()}")
-    return lines + table("vec_commit", "slices_and_commits", rows)
-
-
-def wirings(vectors: list[Case]) -> list[str]:
-    """Of the answers, the wiring tables: for sorting."""
-    lines = ["struct vec_wiring { const char *name; const uint16_t *channels; };"]
-    rows = []
-    for i, v in enumerate(v for v in vectors if v["request"] == "WIRING"):
-        lines += array("uint16_t", f"vec_wiring_{i}", v["fields"]["channels"])
-        rows.append(f"{quoted(v['name'])}, vec_wiring_{i}")
-    return lines + table("vec_wiring", "wirings", rows)
-
-
-def latin(text: str) -> list[int]:
-    """The bytes of a line of text, of which a character stands for one byte."""
-    return list(text.encode("latin-1"))
-
-
-def frames(vectors: list[Case]) -> list[str]:
-    """Frames, with what a REQUEST or a REPLY says."""
-    lines = [
-        "struct vec_frame {",
-        "    const char *name;",
-        "    const uint8_t *bytes, *body;",
-        "    uint16_t size, body_size;",
-        "    uint8_t kind, code;",
-        "    bool to_device, to_host;",
-        "    uint8_t tag, request_type, request, outcome;",
-        "    uint16_t value, index, length;",
-        "};",
-    ]
-    rows = []
-    for i, v in enumerate(vectors):
-        f = dict(v.get("fields", {}))
-        f.pop("data", None)
-        if "outcome" in f:
-            f["outcome"] = "PW_" + f["outcome"]
-        lines += data(f"vec_frame_{i}", v["hex"]) + data(f"vec_frame_body_{i}", v["body"])
-        rows.append(
-            fields(
-                name=quoted(v["name"]),
-                bytes=f"vec_frame_{i}",
-                body=f"vec_frame_body_{i}",
-                size=len(v["hex"]) // 2,
-                body_size=len(v["body"]) // 2,
-                kind="PW_FRAME_" + v["type"],
-                code=v["code"],
-                to_device="true" if v["goes"] in ("to the device", "both ways") else "false",
-                to_host="true" if v["goes"] in ("to the host", "both ways") else "false",
-                **f,
-            )
-        )
-    return lines + table("vec_frame", "frames", rows)
-
-
-def refused_frames(vectors: list[Case]) -> list[str]:
-    """Damaged frames."""
-    lines = ["struct vec_refused_frame { const char *name; const uint8_t *bytes; uint16_t size; };"]
-    rows = []
-    for i, v in enumerate(vectors):
-        lines += data(f"vec_refused_frame_{i}", v["hex"])
-        rows.append(f"{quoted(v['name'])}, vec_refused_frame_{i}, {len(v['hex']) // 2}")
-    return lines + table("vec_refused_frame", "refused_frames", rows)
-
-
-def streams(vectors: list[Case]) -> list[str]:
+def stream(v: Case) -> Row:
     """Bytes on a new line, and what they are, in order."""
-    lines = [
-        "enum vec_event_what { VEC_TEXT, VEC_FRAMES, VEC_CONSOLE, VEC_FRAME, VEC_DROPPED };",
-        "struct vec_event { uint8_t what, kind; const uint8_t *bytes; uint16_t size; };",
-        "struct vec_stream { const char *name; const uint8_t *bytes; uint16_t size, event_count;",
-        "                    const struct vec_event *events; };",
-    ]
-    rows = []
-    for i, v in enumerate(vectors):
-        events = []
-        for k, e in enumerate(v["events"]):
-            content = e.get("text", e.get("body", ""))
-            lines += data(f"vec_stream_{i}_{k}", content)
-            what = {"text": "VEC_TEXT", "frame": "VEC_FRAME", "dropped": "VEC_DROPPED"}.get(next(iter(e)))
-            kind = "PW_FRAME_" + e["frame"] if "frame" in e else "0"
-            size = e.get("dropped", len(content) // 2)
-            events.append(f"{what or 'VEC_' + e['mode']}, {kind}, vec_stream_{i}_{k}, {size}")
-        lines += [f"static const struct vec_event vec_stream_events_{i}[] = {{", *(f"    {{ {e} }}," for e in events)]
-        lines += ["};", *data(f"vec_stream_{i}", v["hex"])]
-        sizes = f"{len(v['hex']) // 2}, {len(events)}"
-        rows.append(f"{quoted(v['name'])}, vec_stream_{i}, {sizes}, vec_stream_events_{i}")
-    return lines + table("vec_stream", "streams", rows)
+    events = []
+    for e in v["events"]:
+        content = e.get("text", e.get("body", ""))
+        what = {"text": "VEC_TEXT", "frame": "VEC_FRAME", "dropped": "VEC_DROPPED"}.get(next(iter(e)))
+        kind = "PW_FRAME_" + e["frame"] if "frame" in e else "0"
+        size = e.get("dropped", len(content) // 2)
+        events.append(braces((what or "VEC_" + e["mode"], kind, data(content), size)))
+    return *sized(v), len(events), array("struct vec_event", events)
 
 
-def typing(vectors: list[Case]) -> list[str]:
+def typing(v: Case) -> Row:
     """What is typed, the lines that it makes, each with its size before it, and what is shown."""
-    lines = [
-        "struct vec_typing { const char *name; const uint8_t *typed, *shown, *lines; uint16_t typed_size, shown_size;",
-        "                    uint8_t line_count; bool echo; };",
-    ]
-    rows = []
-    for i, v in enumerate(vectors):
-        made = [b for line in v["lines"] for b in (len(line), *latin(line))]
-        lines += data(f"vec_typed_{i}", v["typed"]) + data(f"vec_shown_{i}", v["shown"])
-        lines += array("uint8_t", f"vec_typed_lines_{i}", made)
-        sizes = f"{len(v['typed']) // 2}, {len(v['shown']) // 2}, {len(v['lines'])}, {str(v['echo']).lower()}"
-        rows.append(f"{quoted(v['name'])}, vec_typed_{i}, vec_shown_{i}, vec_typed_lines_{i}, {sizes}")
-    return lines + table("vec_typing", "typings", rows)
+    made = array("uint8_t", [b for line in v["lines"] for b in (len(line), *line.encode("latin-1"))])
+    sizes = len(v["typed"]) // 2, len(v["shown"]) // 2, len(v["lines"])
+    return quoted(v["name"]), data(v["typed"]), data(v["shown"]), made, *sizes, truth(v["echo"])
 
 
-def commands(vectors: list[Case]) -> list[str]:
-    """Lines of a console; a command that is NULL is none, an argument of -1 too."""
-    lines = [
-        "struct vec_command { const char *name, *command; const uint8_t *line; uint8_t size, error, code;",
-        "                     int32_t argument; };",
-    ]
-    rows = []
-    for i, v in enumerate(vectors):
-        lines += array("uint8_t", f"vec_command_{i}", latin(v["line"]))
-        name = quoted(v["command"]) if v.get("command") is not None else "NULL"
-        argument = -1 if v.get("argument") is None else v["argument"]
-        error = f"PW_CONSOLE_{v['error']}" if "error" in v else "0"
-        sizes = f"{len(v['line'])}, {error}, {v.get('code', 0)}, {argument}"
-        rows.append(f"{quoted(v['name'])}, {name}, vec_command_{i}, {sizes}")
-    return lines + table("vec_command", "commands", rows)
+def command(v: Case) -> Row:
+    """A line of a console; a command that is NULL is none, an argument of -1 too."""
+    argument = -1 if v.get("argument") is None else v["argument"]
+    error = f"PW_CONSOLE_{v['error']}" if "error" in v else "0"
+    name = "NULL" if v.get("command") is None else quoted(v["command"])
+    return quoted(v["name"]), name, latin(v["line"]), len(v["line"]), error, v.get("code", 0), argument
 
 
-def exchanges(vectors: list[Case]) -> list[str]:
-    """Lines of a console, and what the device sends after them."""
-    lines = ["struct vec_exchange { const char *name, *line, *of; const uint8_t *answer; uint16_t size; };"]
-    rows = []
-    for i, v in enumerate(vectors):
-        lines += array("uint8_t", f"vec_exchange_{i}", latin(v["answer"]))
-        of = quoted(v["of"]) if "of" in v else "NULL"
-        rows.append(f"{quoted(v['name'])}, {quoted(v['line'])}, {of}, vec_exchange_{i}, {len(v['answer'])}")
-    return lines + table("vec_exchange", "exchanges", rows)
+def exchange(v: Case) -> Row:
+    """A line of a console, and what the device sends after it."""
+    return (
+        quoted(v["name"]),
+        quoted(v["line"]),
+        quoted(v["of"]) if "of" in v else "NULL",
+        latin(v["answer"]),
+        len(v["answer"]),
+    )
 
 
-def console_data(vectors: list[Case]) -> list[str]:
-    """Of the answers, those that the console shows as text."""
-    lines = ["struct vec_console_datum { const char *name; const uint8_t *bytes; uint16_t size; };"]
-    rows = []
-    for i, v in enumerate(v for v in vectors if v["request"] in ("INFO", "CLOCK", "PROCESSORS")):
-        lines += data(f"vec_console_datum_{i}", v["hex"])
-        rows.append(f"{quoted(v['name'])}, vec_console_datum_{i}, {len(v['hex']) // 2}")
-    return lines + table("vec_console_datum", "console_data", rows)
+def image(v: Case) -> Row:
+    """A valid firmware file, with its suffix."""
+    assert v["reason"] == "ACCEPTED"
+    return *sized(v), braces(v["version"]), packed(v["key_id"])
 
 
-def image_case(i: int, part: str, v: Case) -> tuple[list[str], str]:
-    """The bytes of an image or a file, and the beginning of its row."""
-    name = f"vec_{part}_{i}"
-    return data(name, v["hex"]), f"{quoted(v['name'])}, {name}, {len(v['hex']) // 2}"
+def refused_image(v: Case) -> Row:
+    """A file that is refused, and what GETSTATUS says of it."""
+    return *sized(v), f"PW_IMAGE_{v['reason']}", v["code"], f"PW_DFU_{v['dfu_status']}", v["dfu_string"]
 
 
-def images(vectors: list[Case]) -> list[str]:
-    """Valid firmware files, with their suffixes."""
-    lines = [
-        "struct vec_image { const char *name; const uint8_t *bytes; uint16_t size; uint8_t version[3], key_id[8]; };"
-    ]
-    rows = []
-    for i, v in enumerate(vectors):
-        assert v["reason"] == "ACCEPTED"
-        array_lines, row = image_case(i, "image", v)
-        lines += array_lines
-        key_id = ", ".join(str(b) for b in bytes.fromhex(v["key_id"]))
-        rows.append(f"{row}, {{ {', '.join(map(str, v['version']))} }}, {{ {key_id} }}")
-    return lines + table("vec_image", "images", rows)
-
-
-def refused_images(vectors: list[Case]) -> list[str]:
-    """Files that are refused, and what GETSTATUS says of them."""
-    lines = [
-        "struct vec_refused_image { const char *name; const uint8_t *bytes; uint16_t size;",
-        "                           uint8_t reason, code, dfu_status, dfu_string; };",
-    ]
-    rows = []
-    for i, v in enumerate(vectors):
-        array_lines, row = image_case(i, "refused_image", v)
-        lines += array_lines
-        codes = f"PW_IMAGE_{v['reason']}, {v['code']}, PW_DFU_{v['dfu_status']}, {v['dfu_string']}"
-        rows.append(f"{row}, {codes}")
-    return lines + table("vec_refused_image", "refused_images", rows)
-
-
-def signatures(vectors: list[Case]) -> list[str]:
-    """Images without suffix; whether a device that trusts the first one's key may store them."""
-    lines = ["struct vec_signature { const char *name; const uint8_t *bytes; uint16_t size; bool trusted; };"]
-    rows = []
-    for i, v in enumerate(vectors):
-        array_lines, row = image_case(i, "signature", v)
-        lines += array_lines
-        rows.append(f"{row}, {str(v['outcome'] == 'SIGNED').lower()}")
-    return lines + table("vec_signature", "signatures", rows)
-
-
-def boot_records(vectors: list[Case]) -> list[str]:
+def boot_record(v: Case) -> Row:
     """What stands at the beginning of a bank."""
-    lines = [
-        "struct vec_boot_record {",
-        "    const char *name;",
-        "    uint8_t bytes[56];",
-        "    bool valid, may_boot;",
-        "    uint32_t generation, size, started, confirmed;",
-        "    uint8_t digest[32];",
-        "};",
-    ]
-    rows = []
-    for v in vectors:
-        packed = ", ".join(str(b) for b in bytes.fromhex(v["hex"]))
-        row = {"name": quoted(v["name"]), "bytes": f"{{ {packed} }}", "may_boot": str(v["may_boot"]).lower()}
-        if v["fields"] is not None:
-            f = v["fields"]
-            row["valid"] = "true"
-            row["digest"] = f"{{ {', '.join(str(b) for b in bytes.fromhex(f['digest']))} }}"
-            row |= {name: f"{f[name]}u" for name in ("generation", "size", "started", "confirmed")}
-        rows.append(fields(**row))
-    return lines + table("vec_boot_record", "boot_records", rows)
-
-
-def boot_orders(vectors: list[Case]) -> list[str]:
-    """Names of records, and the banks that a loader tries."""
-    lines = ["struct vec_boot_order { const char *name, *a, *b; uint8_t count, order[3]; };"]
-    rows = []
-    for v in vectors:
-        banks = ", ".join(f"PW_BANK_{b}" for b in v["order"])
-        rows.append(f"{quoted(v['name'])}, {quoted(v['a'])}, {quoted(v['b'])}, {len(v['order'])}, {{ {banks} }}")
-    return lines + table("vec_boot_order", "boot_orders", rows)
+    row: Case = {"name": quoted(v["name"]), "bytes": packed(v["hex"]), "may_boot": truth(v["may_boot"])}
+    if f := v["fields"]:
+        row |= {"valid": "true", "digest": packed(f["digest"])}
+        row |= unsigned({name: f[name] for name in ("generation", "size", "started", "confirmed")})
+    return row
 
 
 def dfu_state(name: str) -> str:
@@ -498,171 +230,169 @@ def dfu_state(name: str) -> str:
     return "PW_DFU_" + name.removeprefix("DFU_")
 
 
-def dfu_replies(vectors: list[Case]) -> list[str]:
-    """Answers to GETSTATUS."""
-    lines = ["struct vec_dfu_reply { const char *name; uint8_t bytes[6]; struct pw_dfu_reply fields; };"]
-    rows = []
-    for v in vectors:
-        f = dict(v["fields"])
-        f["status"], f["state"] = "PW_DFU_" + f["status"], dfu_state(f["state"])
-        packed = ", ".join(str(b) for b in bytes.fromhex(v["hex"]))
-        rows.append(f"{quoted(v['name'])}, {{ {packed} }}, {{ {fields(**f)} }}")
-    return lines + table("vec_dfu_reply", "dfu_replies", rows)
+def dfu_reply(v: Case) -> Row:
+    """An answer to GETSTATUS."""
+    f = v["fields"]
+    codes = {"status": "PW_DFU_" + f["status"], "state": dfu_state(f["state"])}
+    return quoted(v["name"]), packed(v["hex"]), designated(f | codes)
 
 
-def dfu_blocks(vectors: list[Case]) -> list[str]:
-    """Blocks of a download; poll_ms 0 where nothing is written."""
-    lines = [
-        "struct vec_dfu_block { const char *name; uint32_t block, length, received, total; uint8_t status;",
-        "                       uint32_t poll_ms; };",
-    ]
-    names = ("block", "length", "received", "total")
-    rows = [
-        f"{quoted(v['name'])}, {', '.join(str(v[n]) for n in names)}, PW_DFU_{v['status']}, {v['poll_ms'] or 0}"
-        for v in vectors
-    ]
-    return lines + table("vec_dfu_block", "dfu_blocks", rows)
+def dfu_block(v: Case) -> Row:
+    """A block of a download; poll_ms is 0 where nothing is written."""
+    numbers = (v[name] for name in ("block", "length", "received", "total"))
+    return quoted(v["name"]), *numbers, f"PW_DFU_{v['status']}", v["poll_ms"] or 0
 
 
-def dfu_transitions(vectors: list[Case]) -> list[str]:
-    """The state that follows, and whether the request is answered with STALL."""
-    lines = ["struct vec_dfu_transition { uint8_t state, event, next; bool stalls; };"]
-    rows = [
-        f"{dfu_state(v['state'])}, PW_DFU_ON_{v['event']}, {dfu_state(v['next'])}, {str(v['stalls']).lower()}"
-        for v in vectors
-    ]
-    return lines + table("vec_dfu_transition", "dfu_transitions", rows)
+def descriptor(v: Case) -> Row:
+    """A descriptor by speed and mode; no bytes are a STALL."""
+    mode = {"run time, high speed": (True, False), "run time, full speed": (False, False), "DFU mode": (True, True)}
+    answer = ("NULL", 0) if v["hex"] is None else (data(v["hex"]), len(v["hex"]) // 2)
+    return quoted(v["name"]), *map(truth, mode[v["mode"]]), packed(v["setup"]), *answer
 
 
-def descriptors(vectors: list[Case]) -> list[str]:
-    """Descriptors by speed and mode; no bytes are a STALL."""
-    lines = [
-        "struct vec_descriptor {",
-        "    const char *name;",
-        "    bool high_speed, dfu_mode;",
-        "    uint8_t setup[8];",
-        "    const uint8_t *bytes; /* NULL: STALL */",
-        "    uint16_t size;",
-        "};",
-    ]
-    modes = {
-        "run time, high speed": "true, false",
-        "run time, full speed": "false, false",
-        "DFU mode": "true, true",
-    }
-    rows = []
-    for i, v in enumerate(vectors):
-        name, size = "NULL", 0
-        if v["hex"] is not None:
-            name, size = f"vec_descriptor_{i}", len(v["hex"]) // 2
-            lines += data(name, v["hex"])
-        setup = ", ".join(str(b) for b in bytes.fromhex(v["setup"]))
-        rows.append(f"{quoted(v['name'])}, {modes[v['mode']]}, {{ {setup} }}, {name}, {size}")
-    return lines + table("vec_descriptor", "descriptors", rows)
+def setup(v: Case) -> Row:
+    """A SETUP packet, and how many bytes answer it: -1 is a STALL."""
+    f = v["fields"]
+    kind, _, unit = v["answer"].partition(" ")
+    answer = int(kind) if unit == "bytes" else {"nothing": 0, "STALL": -1}[kind]
+    numbers = braces(f[name] for name in ("request_type", "request", "value", "index", "length"))
+    return quoted(v["name"]), packed(v["hex"]), numbers, answer
 
 
-def setups(part: str, vectors: list[Case]) -> list[str]:
-    """Rows of SETUP packets, and how many bytes answer them: -1 is a STALL."""
-    rows = []
-    for v in vectors:
-        f = v["fields"]
-        kind, _, unit = v["answer"].partition(" ")
-        answer = int(kind) if unit == "bytes" else {"nothing": 0, "STALL": -1}[kind]
-        setup = ", ".join(str(b) for b in bytes.fromhex(v["hex"]))
-        numbers = f"{f['request_type']}, {f['request']}, {f['value']}, {f['index']}, {f['length']}"
-        rows.append(f"{quoted(v['name'])}, {{ {setup} }}, {{ {numbers} }}, {answer}")
-    return table("vec_setup", part, rows)
+def packet(v: Case) -> Row:
+    """A packet on bulk IN, and the names of its records."""
+    return *sized(v), array("char *const", map(quoted, v["records"])), len(v["records"])
 
 
-def requests(vectors: list[Case]) -> list[str]:
-    """What the device answers."""
-    lines = ["struct vec_setup { const char *name; uint8_t bytes[8]; uint16_t fields[5]; int answer; };"]
-    return lines + setups("requests", vectors)
+class Table(NamedTuple):
+    """A table of the header, and the part of vectors.json it is of; without members its struct stands above."""
+
+    part: str
+    name: str
+    struct: str
+    members: str
+    row: Callable[[Case], Row]
+    only: Callable[[Case], bool] = lambda _: True
 
 
-def refused_requests(vectors: list[Case]) -> list[str]:
-    """What it answers with STALL."""
-    return setups("refused_requests", vectors)
+TABLES = (
+    Table("pulse_pairs", "pulse_pairs", "pulse_pair",
+          "const char *name; uint8_t bytes[3]; uint8_t pulses[2][2]; uint8_t begins[2];", pulse_pair),
+    Table("powers", "drives", "drive", "const char *name; const uint16_t *runs; uint16_t run_count; uint32_t power;",
+          lambda v: (quoted(v["name"]), runs(v["pulses"]), len(v["pulses"]), v["total_drive"]),
+          lambda v: "width" not in v),
+    Table("blocks", "blocks", "block",
+          """const char *name; const uint8_t *bytes; uint8_t kind, flags, action; uint32_t sequence; uint64_t period;
+          uint16_t first, count, hold, repeats; const uint16_t *runs; /* triples */ const uint16_t *entries; /* pairs */
+          const uint8_t *samples; uint16_t run_count, entry_count, sample_count;""", block),
+    Table("refused_blocks", "refused_blocks", "refused", SIZED + " uint8_t reason, code;",
+          lambda v: (*sized(v), reason(v["reason"]), v["code"])),
+    Table("records", "acks", "ack", "const char *name; uint8_t bytes[32]; struct pw_ack fields;",
+          ack, lambda v: v["record"] == "ACK"),
+    Table("records", "statuses", "status", "const char *name; uint8_t bytes[64]; struct pw_status fields;",
+          status, lambda v: v["record"] != "ACK"),
+    Table("device_transitions", "device_transitions", "transition", "uint8_t state, event, next;",
+          lambda v: (f"PW_STATE_{v['state']}", f"PW_EVENT_{v['event']}", f"PW_STATE_{v['next']}")),
+    Table("chain_messages", "chain_messages", "chain",
+          """const char *name; const uint8_t *bytes; uint8_t size, end; uint16_t node;
+          const uint16_t *runs; /* triples */ const uint8_t *data; uint16_t run_count, data_size;
+          uint8_t memory, answer, number, processor, last; uint16_t first, count, hold, repeats, faults;
+          int8_t temperature_c, drift; uint8_t firmware[3];
+          uint32_t checksum, carried_out, missed_commits, damaged_messages; uint64_t period, unique_id;""",
+          chain_message),
+    Table("refused_chain_messages", "refused_chain_messages", "refused_chain",
+          "const char *name; const uint8_t *bytes; uint8_t size;", sized),
+    Table("slices_and_commits", "slices_and_commits", "commit",
+          "const char *name; const uint8_t *slice; const uint8_t *commit; bool plays;", slice_and_commit),
+    Table("answers", "wirings", "wiring", "const char *name; const uint16_t *channels;",
+          lambda v: (quoted(v["name"]), array("uint16_t", v["fields"]["channels"])),
+          lambda v: v["request"] == "WIRING"),
+    Table("frames", "frames", "frame",
+          """const char *name; const uint8_t *bytes, *body; uint16_t size, body_size; uint8_t kind, code;
+          bool to_device, to_host; uint8_t tag, request_type, request, outcome; uint16_t value, index, length;""",
+          frame),
+    Table("refused_frames", "refused_frames", "refused_frame", SIZED, sized),
+    Table("streams", "streams", "stream", SIZED + " uint16_t event_count; const struct vec_event *events;", stream),
+    Table("typing", "typings", "typing",
+          """const char *name; const uint8_t *typed, *shown, *lines; uint16_t typed_size, shown_size;
+          uint8_t line_count; bool echo;""", typing),
+    Table("commands", "commands", "command",
+          "const char *name, *command; const uint8_t *line; uint8_t size, error, code; int32_t argument;", command),
+    Table("exchanges", "exchanges", "exchange",
+          "const char *name, *line, *of; const uint8_t *answer; uint16_t size;", exchange),
+    Table("answers", "console_data", "console_datum", SIZED, sized,
+          lambda v: v["request"] in ("INFO", "CLOCK", "PROCESSORS")),
+    Table("images", "images", "image", SIZED + " uint8_t version[3], key_id[8];", image),
+    Table("refused_images", "refused_images", "refused_image",
+          SIZED + " uint8_t reason, code, dfu_status, dfu_string;", refused_image),
+    # Whether a device that trusts the first one's key may store them.
+    Table("signatures", "signatures", "signature", SIZED + " bool trusted;",
+          lambda v: (*sized(v), truth(v["outcome"] == "SIGNED"))),
+    Table("boot_records", "boot_records", "boot_record",
+          """const char *name; uint8_t bytes[56]; bool valid, may_boot;
+          uint32_t generation, size, started, confirmed; uint8_t digest[32];""", boot_record),
+    Table("boot_orders", "boot_orders", "boot_order", "const char *name, *a, *b; uint8_t count, order[3];",
+          lambda v: (*map(quoted, (v["name"], v["a"], v["b"])), len(v["order"]),
+                     braces(f"PW_BANK_{bank}" for bank in v["order"]))),
+    Table("dfu_replies", "dfu_replies", "dfu_reply",
+          "const char *name; uint8_t bytes[6]; struct pw_dfu_reply fields;", dfu_reply),
+    Table("dfu_blocks", "dfu_blocks", "dfu_block",
+          "const char *name; uint32_t block, length, received, total; uint8_t status; uint32_t poll_ms;", dfu_block),
+    Table("dfu_transitions", "dfu_transitions", "dfu_transition", "uint8_t state, event, next; bool stalls;",
+          lambda v: (dfu_state(v["state"]), f"PW_DFU_ON_{v['event']}", dfu_state(v["next"]), truth(v["stalls"]))),
+    Table("descriptors", "descriptors", "descriptor",
+          """const char *name; bool high_speed, dfu_mode; uint8_t setup[8];
+          const uint8_t *bytes; /* NULL: STALL */ uint16_t size;""", descriptor),
+    Table("requests", "requests", "setup",
+          "const char *name; uint8_t bytes[8]; uint16_t fields[5]; int answer;", setup),
+    Table("refused_requests", "refused_requests", "setup", "", setup),
+    Table("packets", "packets", "packet", SIZED + " const char *const *records; uint8_t record_count;", packet),
+)  # fmt: skip
+
+BEGIN = """\
+/* Made by vectors_to_c.py from protocol/vectors.json. Do not edit. */
+#ifndef VECTORS_H
+#define VECTORS_H
+
+#include "ack.h"
+#include "bytes.h"
+#include "codes.h"
+#include "dfu.h"
+
+#define VEC_COUNT(table) (sizeof(table) / sizeof((table)[0]))
+
+enum vec_event_what { VEC_TEXT, VEC_FRAMES, VEC_CONSOLE, VEC_FRAME, VEC_DROPPED };
+struct vec_event { uint8_t what, kind; const uint8_t *bytes; uint16_t size; };
+"""
 
 
-def packets(vectors: list[Case]) -> list[str]:
-    """Packets on bulk IN, and the names of their records."""
-    lines = [
-        "struct vec_packet {",
-        "    const char *name;",
-        "    const uint8_t *bytes;",
-        "    uint16_t size;",
-        "    const char *const *records;",
-        "    uint8_t record_count;",
-        "};",
-    ]
-    rows = []
-    for i, v in enumerate(vectors):
-        lines += data(f"vec_packet_{i}", v["hex"])
-        names = ", ".join(map(quoted, v["records"])) or "NULL"
-        lines.append(f"static const char *const vec_packet_records_{i}[] = {{ {names} }};")
-        size, count = len(v["hex"]) // 2, len(v["records"])
-        rows.append(f"{quoted(v['name'])}, vec_packet_{i}, {size}, vec_packet_records_{i}, {count}")
-    return lines + table("vec_packet", "packets", rows)
+def designated(row: Row) -> str:
+    """The initializer of a struct."""
+    return braces(f".{key} = {value}" for key, value in row.items()) if isinstance(row, dict) else braces(row)
 
 
-# Part of vectors.json, and who writes it. A part may stand here more than once.
-PARTS: list[tuple[str, Callable[[list[Case]], list[str]]]] = [
-    ("pulse_pairs", pulse_pairs),
-    ("modulated_widths", modulated_widths),
-    ("powers", powers),
-    ("blocks", blocks),
-    ("refused_blocks", refused_blocks),
-    ("records", records),
-    ("device_transitions", device_transitions),
-    ("chain_messages", chain_messages),
-    ("refused_chain_messages", refused_chain_messages),
-    ("slices_and_commits", slices_and_commits),
-    ("answers", wirings),
-    ("frames", frames),
-    ("refused_frames", refused_frames),
-    ("streams", streams),
-    ("typing", typing),
-    ("commands", commands),
-    ("exchanges", exchanges),
-    ("answers", console_data),
-    # FWU, DFU:
-    ("images", images),
-    ("refused_images", refused_images),
-    ("signatures", signatures),
-    ("boot_records", boot_records),
-    ("boot_orders", boot_orders),
-    ("dfu_replies", dfu_replies),
-    ("dfu_blocks", dfu_blocks),
-    ("dfu_transitions", dfu_transitions),
-    # USB, REQ:
-    ("descriptors", descriptors),
-    ("requests", requests),
-    ("refused_requests", refused_requests),
-    ("packets", packets),
-]
+def widths_and_powers(modulated: list[Case], powers: list[Case]) -> list[str]:
+    """All widths under all samples, and a power for each width: arrays by index."""
+    assert [v["sample"] for v in modulated] == list(range(256))
+    by_width = {v["width"]: v["power"] for v in powers if "width" in v}
+    assert sorted(by_width) == list(range(26))
+    rows = [f"    {braces(v['widths'])}," for v in modulated]
+    lines = ["static const uint8_t vec_modulated_widths[256][26] = {", *rows, "};"]
+    return [*lines, f"static const uint16_t vec_powers[] = {braces(by_width[w] for w in range(26))};"]
 
 
 def main(source: str, target: str) -> None:
-    """Write all parts."""
+    """Write all tables."""
     vectors = json.loads(Path(source).read_text(encoding="utf-8"))
     assert vectors["format"] == "phasewire-vectors-1"
-    lines = [
-        "/* Made by vectors_to_c.py from protocol/vectors.json. Do not edit. */",
-        "#ifndef VECTORS_H",
-        "#define VECTORS_H",
-        "",
-        '#include "ack.h"',
-        '#include "bytes.h"',
-        '#include "codes.h"',
-        '#include "dfu.h"',
-        "",
-        "#define VEC_COUNT(table) (sizeof(table) / sizeof((table)[0]))",
-    ]
-    for part, write in PARTS:
-        lines += ["", f"/* {part} */", *write(vectors[part]["vectors"])]
-    lines += ["", "#endif", ""]
-    Path(target).write_text("\n".join(lines), encoding="ascii")
+    lines = [BEGIN, *widths_and_powers(vectors["modulated_widths"]["vectors"], vectors["powers"]["vectors"])]
+    for table in TABLES:
+        lines += ["", f"/* {table.part} */"]
+        if table.members:
+            lines.append(f"struct vec_{table.struct} {{ {table.members} }};")
+        rows = [f"    {designated(table.row(v))}," for v in vectors[table.part]["vectors"] if table.only(v)]
+        lines += [f"static const struct vec_{table.struct} vec_{table.name}[] = {{", *rows, "};"]
+    Path(target).write_text("\n".join([*lines, "", "#endif", ""]), encoding="ascii")
 
 
 if __name__ == "__main__":

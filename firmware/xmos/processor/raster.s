@@ -7,6 +7,107 @@
 #
 # Addition is a short instruction and exclusive or is not, so that this way more of them are there when they are needed.
 
+# A pulse that is packed in r6, under a row of widths if `modulated`: its level at tick 0, and the edge at which it begins.
+    .macro RISE modulated
+    .if \modulated
+    shr r7, r6, 7
+    ld8u r7, r0[r7]
+    zext r6, 7
+    shl r7, r7, 7
+    add r6, r6, r7
+    .endif
+    ld8u r7, r2[r6]
+    ld8u r8, r3[r6]
+    lss r6, r8, r7
+    ladd r6, r5, r5, r5, r6
+    ldw r6, r1[r7]
+    add r6, r6, r4
+    stw r6, r1[r7]
+    .endm
+
+# The edge at which that pulse ends, and the next pulse's bit.
+    .macro FALL
+    ldw r6, r1[r8]
+    sub r6, r6, r4
+    stw r6, r1[r8]
+    shl r4, r4, 1
+    .endm
+
+# A word of the slice. A row of widths is in r0, and then the slice's address is on the stack.
+    .macro PACKED word, modulated
+    .if \modulated
+    ldw r10, sp[8]
+    ldw r10, r10[\word]
+    .else
+    ldw r10, r0[\word]
+    .endif
+    .endm
+
+# Eight pulses from three words. What takes a pulse's bits out of r10 stands between two instructions that use memory.
+    .macro EIGHT modulated
+    PACKED 0, \modulated
+    # Pulse 0 of 8
+    and r6, r10, r9
+    RISE \modulated
+    shr r10, r10, r11
+    FALL
+    # Pulse 1 of 8
+    and r6, r10, r9
+    RISE \modulated
+    FALL
+    # Pulse 2 of 8
+    shr r6, r10, r11
+    PACKED 1, \modulated
+    shl r7, r10, 8
+    or r6, r6, r7
+    and r6, r6, r9
+    RISE \modulated
+    shr r10, r10, 4
+    FALL
+    # Pulse 3 of 8
+    and r6, r10, r9
+    RISE \modulated
+    shr r10, r10, r11
+    FALL
+    # Pulse 4 of 8
+    and r6, r10, r9
+    RISE \modulated
+    FALL
+    # Pulse 5 of 8
+    shr r6, r10, r11
+    PACKED 2, \modulated
+    shl r7, r10, 4
+    or r6, r6, r7
+    and r6, r6, r9
+    RISE \modulated
+    shr r10, r10, 8
+    FALL
+    # Pulse 6 of 8
+    and r6, r10, r9
+    RISE \modulated
+    FALL
+    # Pulse 7 of 8
+    shr r6, r10, r11
+    RISE \modulated
+    FALL
+    .endm
+
+# A word of the port from the one before it, in r5, and the edges of its tick, which are cleared: r4 is 0.
+    .macro WORD tick
+    ldw r6, r1[\tick]
+    add r5, r5, r6
+    stw r5, r3[\tick]
+    stw r4, r1[\tick]
+    .endm
+
+# Two words, at an even place.
+    .macro COPY word
+    ldw r2, r1[\word]
+    ldw r3, r1[\word+1]
+    stw r2, r0[\word]
+    stw r3, r0[\word+1]
+    .endm
+
     .text
     .globl raster_begin
     .p2align 2
@@ -38,289 +139,14 @@ raster_begin:
     ldc r11, 12
     bt r10, .Lmodulated
 .Leight:
-    ldw r10, r0[0]
-    # Pulse 0 of 8
-    and r6, r10, r9
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    shr r10, r10, r11
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 1 of 8
-    and r6, r10, r9
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 2 of 8
-    shr r6, r10, r11
-    ldw r10, r0[1]
-    shl r7, r10, 8
-    or r6, r6, r7
-    and r6, r6, r9
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    shr r10, r10, 4
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 3 of 8
-    and r6, r10, r9
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    shr r10, r10, r11
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 4 of 8
-    and r6, r10, r9
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 5 of 8
-    shr r6, r10, r11
-    ldw r10, r0[2]
-    shl r7, r10, 4
-    or r6, r6, r7
-    and r6, r6, r9
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    shr r10, r10, 8
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 6 of 8
-    and r6, r10, r9
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 7 of 8
-    shr r6, r10, r11
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
+    EIGHT 0
     ldaw r0, r0[3]
     bt r4, .Leight
     bu .Lwords
 .Lmodulated:
     mov r0, r10
 .Leight_modulated:
-    ldw r10, sp[8]
-    ldw r10, r10[0]
-    # Pulse 0 of 8
-    and r6, r10, r9
-    shr r7, r6, 7
-    ld8u r7, r0[r7]
-    zext r6, 7
-    shl r7, r7, 7
-    add r6, r6, r7
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    shr r10, r10, r11
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 1 of 8
-    and r6, r10, r9
-    shr r7, r6, 7
-    ld8u r7, r0[r7]
-    zext r6, 7
-    shl r7, r7, 7
-    add r6, r6, r7
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 2 of 8
-    shr r6, r10, r11
-    ldw r10, sp[8]
-    ldw r10, r10[1]
-    shl r7, r10, 8
-    or r6, r6, r7
-    and r6, r6, r9
-    shr r7, r6, 7
-    ld8u r7, r0[r7]
-    zext r6, 7
-    shl r7, r7, 7
-    add r6, r6, r7
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    shr r10, r10, 4
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 3 of 8
-    and r6, r10, r9
-    shr r7, r6, 7
-    ld8u r7, r0[r7]
-    zext r6, 7
-    shl r7, r7, 7
-    add r6, r6, r7
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    shr r10, r10, r11
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 4 of 8
-    and r6, r10, r9
-    shr r7, r6, 7
-    ld8u r7, r0[r7]
-    zext r6, 7
-    shl r7, r7, 7
-    add r6, r6, r7
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 5 of 8
-    shr r6, r10, r11
-    ldw r10, sp[8]
-    ldw r10, r10[2]
-    shl r7, r10, 4
-    or r6, r6, r7
-    and r6, r6, r9
-    shr r7, r6, 7
-    ld8u r7, r0[r7]
-    zext r6, 7
-    shl r7, r7, 7
-    add r6, r6, r7
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    shr r10, r10, 8
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 6 of 8
-    and r6, r10, r9
-    shr r7, r6, 7
-    ld8u r7, r0[r7]
-    zext r6, 7
-    shl r7, r7, 7
-    add r6, r6, r7
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
-    # Pulse 7 of 8
-    shr r6, r10, r11
-    shr r7, r6, 7
-    ld8u r7, r0[r7]
-    zext r6, 7
-    shl r7, r7, 7
-    add r6, r6, r7
-    ld8u r7, r2[r6]
-    ld8u r8, r3[r6]
-    lss r6, r8, r7
-    ladd r6, r5, r5, r5, r6
-    ldw r6, r1[r7]
-    add r6, r6, r4
-    stw r6, r1[r7]
-    ldw r6, r1[r8]
-    sub r6, r6, r4
-    stw r6, r1[r8]
-    shl r4, r4, 1
+    EIGHT 1
     ldw r10, sp[8]
     ldaw r10, r10[3]
     stw r10, sp[8]
@@ -329,14 +155,8 @@ raster_begin:
     bitrev r5, r5
     ldw r3, sp[9]
     # r4 is 0
-    ldw r6, r1[0]
-    add r5, r5, r6
-    stw r5, r3[0]
-    stw r4, r1[0]
-    ldw r6, r1[1]
-    add r5, r5, r6
-    stw r5, r3[1]
-    stw r4, r1[1]
+    WORD 0
+    WORD 1
     mov r0, r5
     ldw r4, sp[1]
     ldw r5, sp[2]
@@ -364,38 +184,14 @@ raster_end:
     ldc r2, 6
     ldc r4, 0
 .Lsome:
-    ldw r6, r1[0]
-    add r5, r5, r6
-    stw r5, r3[0]
-    stw r4, r1[0]
-    ldw r6, r1[1]
-    add r5, r5, r6
-    stw r5, r3[1]
-    stw r4, r1[1]
-    ldw r6, r1[2]
-    add r5, r5, r6
-    stw r5, r3[2]
-    stw r4, r1[2]
-    ldw r6, r1[3]
-    add r5, r5, r6
-    stw r5, r3[3]
-    stw r4, r1[3]
-    ldw r6, r1[4]
-    add r5, r5, r6
-    stw r5, r3[4]
-    stw r4, r1[4]
-    ldw r6, r1[5]
-    add r5, r5, r6
-    stw r5, r3[5]
-    stw r4, r1[5]
-    ldw r6, r1[6]
-    add r5, r5, r6
-    stw r5, r3[6]
-    stw r4, r1[6]
-    ldw r6, r1[7]
-    add r5, r5, r6
-    stw r5, r3[7]
-    stw r4, r1[7]
+    WORD 0
+    WORD 1
+    WORD 2
+    WORD 3
+    WORD 4
+    WORD 5
+    WORD 6
+    WORD 7
     ldaw r1, r1[8]
     ldaw r3, r3[8]
     sub r2, r2, 1
@@ -417,25 +213,10 @@ slice_copy:
     ldaw r11, r0[11]
     stw r2, r11[0]
     stw r3, r0[10]
-    ldw r2, r1[0]
-    ldw r3, r1[1]
-    stw r2, r0[0]
-    stw r3, r0[1]
-    ldw r2, r1[2]
-    ldw r3, r1[3]
-    stw r2, r0[2]
-    stw r3, r0[3]
-    ldw r2, r1[4]
-    ldw r3, r1[5]
-    stw r2, r0[4]
-    stw r3, r0[5]
-    ldw r2, r1[6]
-    ldw r3, r1[7]
-    stw r2, r0[6]
-    stw r3, r0[7]
-    ldw r2, r1[8]
-    ldw r3, r1[9]
-    stw r2, r0[8]
-    stw r3, r0[9]
+    COPY 0
+    COPY 2
+    COPY 4
+    COPY 6
+    COPY 8
     retsp 0
     .cc_bottom slice_copy.function

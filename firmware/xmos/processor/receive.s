@@ -35,6 +35,53 @@ damaged_received:
 heard:
     .long 0
 
+# What r0 has goes on at a handler when something has come to it.
+    .macro EVENT handler
+    ldap r11, \handler
+    setv res[r0], r11
+    mov r11, r0
+    setev res[r0], r11
+    eeu res[r0]
+    .endm
+
+# Four bytes of a message into r1, the first as the low one, unless a control token comes before.
+    .macro TAKE_WORD
+    testwct r0, res[r11]
+    bt r0, .Lbad
+    in r1, res[r11]
+    byterev r1, r1
+    .endm
+
+# The same, stored and counted in the CRC.
+    .macro KEEP_WORD place
+    TAKE_WORD
+    stw r1, \place
+    crc32 r3, r1, r4
+    .endm
+
+    .macro TAKE_BYTE
+    testct r0, res[r11]
+    bt r0, .Lbad
+    int r1, res[r11]
+    .endm
+
+# The control token that must come now, into r0.
+    .macro TAKE_CONTROL
+    testct r0, res[r11]
+    bf r0, .Lbad
+    inct r0, res[r11]
+    .endm
+
+# Another message, of the kind in r0, is in a ring; its thread is told if it waits. Then comes the next event.
+    .macro GIVE ring, places, busy, thread
+    stw r0, r2[3]
+    ldw \ring, r2[4]
+    sub \places, \places, 1
+    bt \places, \busy
+    outct res[\thread], 1
+    waiteu
+    .endm
+
     .text
     .globl receive
     .p2align 2
@@ -49,67 +96,31 @@ receive:
     mkmsk r9, 1
     mkmsk r10, 1
     ldw r0, dp[message_ends+0]
-    ldap r11, .Lslice
-    setv res[r0], r11
-    mov r11, r0
-    setev res[r0], r11
-    eeu res[r0]
+    EVENT .Lslice
     ldw r0, dp[message_ends+4]
-    ldap r11, .Lcommit
-    setv res[r0], r11
-    mov r11, r0
-    setev res[r0], r11
-    eeu res[r0]
+    EVENT .Lcommit
     ldw r0, dp[message_ends+8]
-    ldap r11, .Lload
-    setv res[r0], r11
-    mov r11, r0
-    setev res[r0], r11
-    eeu res[r0]
+    EVENT .Lload
     ldw r0, dp[message_ends+12]
-    ldap r11, .Lprogram
-    setv res[r0], r11
-    mov r11, r0
-    setev res[r0], r11
-    eeu res[r0]
+    EVENT .Lprogram
     ldw r0, dp[message_ends+16]
-    ldap r11, .Lcollect
-    setv res[r0], r11
-    mov r11, r0
-    setev res[r0], r11
-    eeu res[r0]
+    EVENT .Lcollect
     ldw r0, dp[message_ends+20]
-    ldap r11, .Lnumber
-    setv res[r0], r11
-    mov r11, r0
-    setev res[r0], r11
-    eeu res[r0]
+    EVENT .Lnumber
     # What comes to the other channel ends is for nobody.
     ldc r1, 6
     ldaw r2, dp[message_ends]
     ldc r3, MESSAGE_ENDS
 .Lothers:
     ldw r0, r2[r1]
-    ldap r11, .Lbad
-    setv res[r0], r11
-    mov r11, r0
-    setev res[r0], r11
-    eeu res[r0]
+    EVENT .Lbad
     add r1, r1, 1
     lsu r0, r1, r3
     bt r0, .Lothers
     ldw r0, dp[receive_play_ready]
-    ldap r11, .Lplay_ready
-    setv res[r0], r11
-    mov r11, r0
-    setev res[r0], r11
-    eeu res[r0]
+    EVENT .Lplay_ready
     ldw r0, dp[receive_handle_ready]
-    ldap r11, .Lhandle_ready
-    setv res[r0], r11
-    mov r11, r0
-    setev res[r0], r11
-    eeu res[r0]
+    EVENT .Lhandle_ready
     waiteu
 
 # A thread is done with a message.
@@ -179,297 +190,96 @@ receive:
     get r11, ed
     ldaw r2, r5[11]
     ldw r3, cp[crc_begin]
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[0]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[1]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[2]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[3]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[4]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[5]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[6]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[7]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[8]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[9]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[10]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[11]
-    crc32 r3, r1, r4
-    testct r0, res[r11]
-    bf r0, .Lbad
-    inct r0, res[r11]
+    KEEP_WORD r5[0]
+    KEEP_WORD r5[1]
+    KEEP_WORD r5[2]
+    KEEP_WORD r5[3]
+    KEEP_WORD r5[4]
+    KEEP_WORD r5[5]
+    KEEP_WORD r5[6]
+    KEEP_WORD r5[7]
+    KEEP_WORD r5[8]
+    KEEP_WORD r5[9]
+    KEEP_WORD r5[10]
+    KEEP_WORD r5[11]
+    TAKE_CONTROL
     eq r0, r0, 1
     bf r0, .Lbad
     stw r3, r2[1]
     ldc r0, 1               # SLICE
-    stw r0, r2[3]
-    ldw r5, r2[4]
-    sub r9, r9, 1
-    bt r9, .Lplay_busy
-    outct res[r7], 1
-    waiteu
+    GIVE r5, r9, .Lplay_busy, r7
 
 .Lcommit:
     get r11, ed
     ldaw r2, r5[11]
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
+    TAKE_WORD
     stw r1, r5[0]
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
+    TAKE_WORD
     stw r1, r5[1]
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
+    TAKE_WORD
     stw r1, r5[2]
-    testct r0, res[r11]
-    bf r0, .Lbad
-    inct r0, res[r11]
+    TAKE_CONTROL
     eq r0, r0, 1
     bf r0, .Lbad
     ldc r0, 2               # COMMIT
-    stw r0, r2[3]
-    ldw r5, r2[4]
-    sub r9, r9, 1
-    bt r9, .Lplay_busy
-    outct res[r7], 1
-    waiteu
+    GIVE r5, r9, .Lplay_busy, r7
 
 .Lprogram:
     get r11, ed
     ldaw r2, r5[11]
-    testct r0, res[r11]
-    bt r0, .Lbad
-    int r1, res[r11]
+    TAKE_BYTE
     stw r1, r5[0]
     shl r1, r1, 24
     ldw r3, dp[program_crc]
     xor r3, r3, r1
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[1]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[2]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[3]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[4]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r5[5]
-    crc32 r3, r1, r4
-    testct r0, res[r11]
-    bf r0, .Lbad
-    inct r0, res[r11]
+    KEEP_WORD r5[1]
+    KEEP_WORD r5[2]
+    KEEP_WORD r5[3]
+    KEEP_WORD r5[4]
+    KEEP_WORD r5[5]
+    TAKE_CONTROL
     add r3, r3, r0
     bt r3, .Ldamaged
     ldc r0, 4               # PROGRAM
-    stw r0, r2[3]
-    ldw r5, r2[4]
-    sub r9, r9, 1
-    bt r9, .Lplay_busy
-    outct res[r7], 1
-    waiteu
+    GIVE r5, r9, .Lplay_busy, r7
 
 .Lload:
     get r11, ed
     ldaw r2, r6[11]
     ldw r3, dp[load_crc]
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[0]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[1]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[2]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[3]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[4]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[5]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[6]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[7]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[8]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[9]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[10]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[11]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r2[1]
-    crc32 r3, r1, r4
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r2[2]
-    crc32 r3, r1, r4
-    testct r0, res[r11]
-    bf r0, .Lbad
-    inct r0, res[r11]
+    KEEP_WORD r6[0]
+    KEEP_WORD r6[1]
+    KEEP_WORD r6[2]
+    KEEP_WORD r6[3]
+    KEEP_WORD r6[4]
+    KEEP_WORD r6[5]
+    KEEP_WORD r6[6]
+    KEEP_WORD r6[7]
+    KEEP_WORD r6[8]
+    KEEP_WORD r6[9]
+    KEEP_WORD r6[10]
+    KEEP_WORD r6[11]
+    KEEP_WORD r2[1]
+    KEEP_WORD r2[2]
+    TAKE_CONTROL
     add r3, r3, r0
     bt r3, .Ldamaged
     ldc r0, 3               # LOAD
-    stw r0, r2[3]
-    ldw r6, r2[4]
-    sub r10, r10, 1
-    bt r10, .Lhandle_busy
-    outct res[r8], 1
-    waiteu
+    GIVE r6, r10, .Lhandle_busy, r8
 
 # A question. One that asks for something is a sign of life (CHN-018), however long its answer may have to wait.
 .Lcollect:
     get r11, ed
-    testct r0, res[r11]
-    bt r0, .Lbad
-    int r1, res[r11]
+    TAKE_BYTE
     stw r1, r6[0]
     sub r2, r1, 7           # REPORT, 7, or PLAYING, 8: 0 or 1
     shr r2, r2, 1
     shl r1, r1, 24
     ldw r3, dp[collect_crc]
     xor r3, r3, r1
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
+    TAKE_WORD
     crc32 r3, r1, r4
-    testct r0, res[r11]
-    bf r0, .Lbad
-    inct r0, res[r11]
+    TAKE_CONTROL
     add r3, r3, r0
     or r3, r3, r2
     bt r3, .Ldamaged
@@ -478,39 +288,20 @@ receive:
     stw r0, dp[heard]
     ldaw r2, r6[11]
     ldc r0, 5               # COLLECT
-    stw r0, r2[3]
-    ldw r6, r2[4]
-    sub r10, r10, 1
-    bt r10, .Lhandle_busy
-    outct res[r8], 1
-    waiteu
+    GIVE r6, r10, .Lhandle_busy, r8
 
 .Lnumber:
     get r11, ed
     ldaw r2, r6[11]
-    testct r0, res[r11]
-    bt r0, .Lbad
-    int r1, res[r11]
+    TAKE_BYTE
     stw r1, r6[0]
     shl r1, r1, 24
     ldw r3, cp[number_crc]
     xor r3, r3, r1
-    testwct r0, res[r11]
-    bt r0, .Lbad
-    in r1, res[r11]
-    byterev r1, r1
-    stw r1, r6[1]
-    crc32 r3, r1, r4
-    testct r0, res[r11]
-    bf r0, .Lbad
-    inct r0, res[r11]
+    KEEP_WORD r6[1]
+    TAKE_CONTROL
     add r3, r3, r0
     bt r3, .Ldamaged
     ldc r0, 6               # NUMBER
-    stw r0, r2[3]
-    ldw r6, r2[4]
-    sub r10, r10, 1
-    bt r10, .Lhandle_busy
-    outct res[r8], 1
-    waiteu
+    GIVE r6, r10, .Lhandle_busy, r8
     .cc_bottom receive.function

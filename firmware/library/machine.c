@@ -6,18 +6,14 @@
 
 #include "../posix/booting.h"
 #include "../posix/factory.h"
-#include "dfu.h"
-#include "fwu.h"
 #include "idle.h"
+#include "life.h"
 #include "memory.h"
 #include "plays.h"
-#include "ser.h"
-#include "usb.h"
 
 #define UART 1u
 #define AWAY_TICKS (20u * (uint64_t)PW_TICKS_PER_MS)   /* off the bus: DFU-002 */
 #define PATIENCE_TICKS (10u * (uint64_t)PW_TICKS_PER_MS) /* for an answer that is LATER */
-#define CONFIRM_TICKS (5u * (uint64_t)PW_TICKS_PER_MS)
 
 static const uint8_t FIRMWARE[3] = {1, 0, 0};
 static const struct pw_about ABOUT = {.product = 1, .product_name = "phasewire reference device", .columns = 20,
@@ -25,18 +21,13 @@ static const struct pw_about ABOUT = {.product = 1, .product_name = "phasewire r
 
 struct machine {
     uint64_t tick;
-    bool powered, high_speed, plugged, in_dfu, confirmed, away;
+    bool powered, high_speed, plugged, away;
     uint64_t back_at;    /* tick at which it comes to the bus */
     uint64_t power_at;   /* tick at which power comes by itself */
-    uint64_t confirm_at;
     uint32_t generation;
     struct pw_port port;
-    struct pw_about about;
-    struct pw_boot running;
-    struct pw_device device;
-    struct pw_usb usb;
     struct pw_line lines[PW_LINES];
-    struct pw_dfu dfu;
+    struct pw_life life;
     struct faults faults;
     struct boards boards;
     struct memory memory;
@@ -111,14 +102,14 @@ static bool port_flash_failed(void *self)
 static void port_restart_processors(void *opaque)
 {
     struct machine *self = opaque;
-    boards_begin(&self->boards, &self->faults, self->tick, self->about.firmware, self->about.unique_id);
+    boards_begin(&self->boards, &self->faults, self->tick, self->life.about.firmware, self->life.about.unique_id);
 }
 
 static bool port_program(void *opaque, uint8_t processor)
 {
     struct machine *self = opaque;
     struct booting booting = {0};
-    return pw_boot_program(&self->port, &self->running, processor, booting_take, &booting) && booting_starts(&booting)
+    return pw_boot_program(&self->port, &self->life.boot, processor, booting_take, &booting) && booting_starts(&booting)
         && boards_start_next(&self->boards, self->tick);
 }
 
@@ -141,6 +132,14 @@ struct machine *machine_new(const uint16_t *wiring, const char *serial_number, b
                                  port_flash_erase, port_flash_program, port_flash_busy, NULL,
                                  port_flash_failed, port_restart_processors, port_program};
     self->port = port;
+    self->life.port = &self->port;
+    self->life.about = ABOUT;
+    self->life.about.serial_number = self->serial_number;
+    self->life.about.wiring = self->wiring;
+    pw_unique_id(self->life.about.unique_id, self->serial_number);
+    self->life.lines[0] = &self->lines[0];
+    self->life.lines[UART] = &self->lines[UART];
+    self->life.line_count = 2;
     return self;
 }
 
@@ -151,47 +150,32 @@ void machine_free(struct machine *self)
     free(self);
 }
 
-static void start(struct machine *self)
+/* The loader waits for the flash, so that its work takes no time here. */
+static void start(struct machine *self, enum pw_leave how)
 {
     self->memory.flash.at_once = true;
-    (void)pw_boot(&self->port, &self->running);
+    (void)pw_life_begin(&self->life, how);
     self->memory.flash.at_once = false;
-    self->in_dfu = false;
-    self->confirmed = false;
-    self->usb.was_configured = false;
-    self->confirm_at = self->tick;
-    self->plays.count = 0;
-    self->about = ABOUT;
-    for (size_t i = 0; self->serial_number[i] != '\0'; i++) {
-        uint8_t *byte = &self->about.unique_id[i % 8u];
-        *byte = (uint8_t)(*byte * 31u + (uint8_t)self->serial_number[i]);
+    if (!self->life.in_dfu) {
+        self->plays.count = 0;
     }
-    memcpy(self->about.firmware, self->running.firmware, 3);
-    self->about.bank = self->running.bank;
-    self->about.faults = self->running.faults;
-    self->about.serial_number = self->serial_number;
-    self->about.wiring = self->wiring;
-    pw_device_begin(&self->device, &self->port, &self->about);
-    pw_line_begin(&self->lines[0], PW_DOOR_LINE(0u), false);
-    pw_line_begin(&self->lines[UART], PW_DOOR_LINE(UART), true);
 }
 
 /* Off the bus, to come back in some time. */
-static void go_away(struct machine *self)
+static void leave(struct machine *self, enum pw_leave how)
 {
     self->away = true;
-    self->usb.attached = false;
     self->back_at = self->tick + AWAY_TICKS;
+    start(self, how);
 }
 
 static void come_back(struct machine *self)
 {
     if (self->away && self->plugged && self->tick >= self->back_at
-        && (self->in_dfu || pw_device_serving(&self->device))) {
+        && (self->life.in_dfu || pw_device_serving(&self->life.device))) {
         self->away = false;
         self->generation++;
-        pw_usb_begin(&self->usb, &self->device, self->in_dfu ? NULL : &self->lines[0], &self->dfu, &self->about,
-                     self->high_speed, self->in_dfu);
+        pw_life_attach(&self->life, self->high_speed);
     }
 }
 
@@ -204,11 +188,11 @@ static void power(struct machine *self, bool on)
     self->power_at = PW_NEVER;
     memory_power(&self->memory, on);
     if (on) {
-        start(self);
+        start(self, PW_STAY);
         self->away = true;
         self->back_at = self->tick;
     } else {
-        self->usb.attached = false;
+        self->life.usb.attached = false;
     }
 }
 
@@ -216,35 +200,6 @@ void machine_power(struct machine *self, bool on)
 {
     power(self, on);
     machine_run(self, self->tick);
-}
-
-static void leave(struct machine *self, enum pw_leave how)
-{
-    go_away(self);
-    if (how == PW_LEAVE_DFU) {
-        self->in_dfu = true;
-        self->lines[UART].deaf = true;
-        self->memory.flash.at_once = true;
-        pw_dfu_begin(&self->dfu, &self->port, &self->running);
-        self->memory.flash.at_once = false;
-        return;
-    }
-    if (how == PW_LEAVE_REVERT) {
-        self->memory.flash.at_once = true;
-        pw_boot_revert(&self->port);
-        self->memory.flash.at_once = false;
-    }
-    start(self);
-}
-
-/* FWU-020 */
-static void confirm(struct machine *self)
-{
-    const bool spoken = self->usb.was_configured || self->lines[0].answered || self->lines[UART].answered;
-    if (!self->confirmed && spoken && self->device.numbered == PW_PROCESSORS && self->tick >= self->confirm_at) {
-        self->confirmed = pw_boot_confirm(&self->port, &self->running);
-        self->confirm_at = self->tick + CONFIRM_TICKS;
-    }
 }
 
 /* Time --------------------------------------------------------------------------------------------------------- */
@@ -261,14 +216,14 @@ uint64_t machine_now(const struct machine *self)
 
 bool machine_serves(const struct machine *self)
 {
-    return self->powered && !self->in_dfu && pw_device_serving(&self->device);
+    return self->powered && !self->life.in_dfu && pw_device_serving(&self->life.device);
 }
 
 /* Whether nothing happens that is seen outside, unless somebody outside does something. */
 static bool is_idle(const struct machine *self)
 {
     return machine_serves(self) && !self->away && !self->lines[0].waits && !self->lines[UART].waits
-        && idle_is(&self->device, &self->boards);
+        && idle_is(&self->life.device, &self->boards);
 }
 
 /* What happens next, but for the periods of the processors. */
@@ -277,7 +232,7 @@ static uint64_t next_due(const struct machine *self)
     if (!self->powered) {
         return self->power_at;
     }
-    uint64_t due = self->in_dfu ? pw_dfu_due(&self->dfu) : pw_device_due(&self->device);
+    uint64_t due = self->life.in_dfu ? pw_dfu_due(&self->life.dfu) : pw_device_due(&self->life.device);
     if (self->away && self->plugged) {
         due = earlier(due, self->back_at > self->tick ? self->back_at : self->tick + 1u);
     }
@@ -285,7 +240,7 @@ static uint64_t next_due(const struct machine *self)
         due = earlier(due, self->memory.flash.busy_until);
     }
     due = earlier(due, memory_due(&self->memory));
-    return self->in_dfu ? due : earlier(due, boards_message_due(&self->boards));
+    return self->life.in_dfu ? due : earlier(due, boards_message_due(&self->boards));
 }
 
 uint64_t machine_due(const struct machine *self)
@@ -297,7 +252,7 @@ uint64_t machine_due(const struct machine *self)
 static uint64_t due_inside(const struct machine *self)
 {
     const uint64_t due = next_due(self);
-    return self->powered && !self->in_dfu ? earlier(due, boards_period_due(&self->boards)) : due;
+    return self->powered && !self->life.in_dfu ? earlier(due, boards_period_due(&self->boards)) : due;
 }
 
 /* Power goes and comes by itself. Returns whether it is there. */
@@ -324,8 +279,8 @@ static void run_device(struct machine *self)
         }
     }
     do {
-        pw_device_poll(&self->device);
-    } while (boards_deliver(&self->boards, self->tick, &self->device));
+        pw_device_poll(&self->life.device);
+    } while (boards_deliver(&self->boards, self->tick, &self->life.device));
 }
 
 /* Everything that is due in this tick. */
@@ -335,23 +290,22 @@ static void work(struct machine *self)
         return;
     }
     (void)memory_busy(&self->memory, self->tick);
-    if (self->in_dfu) {
-        pw_dfu_poll(&self->dfu);
-        if (pw_dfu_leaves(&self->dfu)) {
-            go_away(self);
-            start(self);
+    if (self->life.in_dfu) {
+        pw_dfu_poll(&self->life.dfu);
+        if (pw_dfu_leaves(&self->life.dfu)) {
+            leave(self, PW_STAY);
         }
         come_back(self);
         return;
     }
     run_device(self);
-    pw_line_poll(&self->lines[0], &self->device);
-    pw_line_poll(&self->lines[UART], &self->device);
-    if (self->usb.attached) {
-        pw_usb_poll(&self->usb);
+    pw_line_poll(&self->lines[0], &self->life.device);
+    pw_line_poll(&self->lines[UART], &self->life.device);
+    if (self->life.usb.attached) {
+        pw_usb_poll(&self->life.usb);
     }
-    confirm(self);
-    const enum pw_leave how = pw_device_leaving(&self->device);
+    pw_life_confirm(&self->life);
+    const enum pw_leave how = pw_device_leaving(&self->life.device);
     if (how != PW_STAY && pw_line_idle(&self->lines[UART])) {
         leave(self, how);
     }
@@ -362,7 +316,7 @@ static void work(struct machine *self)
 static void skip_idle(struct machine *self, uint64_t tick)
 {
     if (tick > self->tick && is_idle(self)) {
-        self->tick += idle_skip(&self->device, &self->boards, tick - self->tick);
+        self->tick += idle_skip(&self->life.device, &self->boards, tick - self->tick);
     }
 }
 
@@ -372,7 +326,7 @@ void machine_run(struct machine *self, uint64_t tick)
     for (uint64_t due = due_inside(self); due <= tick; due = due_inside(self)) {
         self->tick = self->tick < due ? due : self->tick;
         work(self);
-        if (!self->in_dfu && due == due_inside(self)) {
+        if (!self->life.in_dfu && due == due_inside(self)) {
             break; /* it waits for the caller, such as a UART that is not read */
         }
     }
@@ -382,14 +336,14 @@ void machine_run(struct machine *self, uint64_t tick)
 
 uint64_t machine_origin(const struct machine *self)
 {
-    return self->device.origin;
+    return self->life.device.origin;
 }
 
 /* What the controller has just sent arrives, and is answered. */
 static void deliver(struct machine *self)
 {
-    if (!self->in_dfu) {
-        (void)boards_deliver(&self->boards, self->tick, &self->device);
+    if (!self->life.in_dfu) {
+        (void)boards_deliver(&self->boards, self->tick, &self->life.device);
     }
 }
 
@@ -397,7 +351,7 @@ static void deliver(struct machine *self)
 
 bool machine_attached(const struct machine *self)
 {
-    return self->powered && self->usb.attached;
+    return self->powered && self->life.usb.attached;
 }
 
 uint32_t machine_generation(const struct machine *self)
@@ -407,16 +361,16 @@ uint32_t machine_generation(const struct machine *self)
 
 bool machine_configured(const struct machine *self)
 {
-    return machine_attached(self) && self->usb.configured;
+    return machine_attached(self) && self->life.usb.configured;
 }
 
 void machine_plug(struct machine *self, bool in)
 {
     if (!in && machine_attached(self)) {
-        pw_usb_unplugged(&self->usb);
+        pw_usb_unplugged(&self->life.usb);
     }
     if (!in) {
-        self->usb.attached = false;
+        self->life.usb.attached = false;
     } else if (!self->plugged) {
         self->away = true;
         self->back_at = self->tick;
@@ -433,11 +387,11 @@ void machine_bus(struct machine *self, int what)
         return;
     }
     if (what == MACHINE_RESET) {
-        pw_usb_bus_reset(&self->usb);
+        pw_usb_bus_reset(&self->life.usb);
     } else if (what == MACHINE_SUSPEND) {
-        pw_usb_suspend(&self->usb);
+        pw_usb_suspend(&self->life.usb);
     } else {
-        pw_usb_resume(&self->usb);
+        pw_usb_resume(&self->life.usb);
     }
     machine_run(self, self->tick);
 }
@@ -448,10 +402,10 @@ int machine_control(struct machine *self, const uint8_t setup[8], uint8_t *data)
     const struct pw_setup request = {setup[0], setup[1], pw_get16(setup + 2), pw_get16(setup + 4), pw_get16(setup + 6)};
     memcpy(out, data, sizeof out);
     const uint64_t last = self->tick + PATIENCE_TICKS;
-    int size = pw_usb_control(&self->usb, &request, out, data);
+    int size = pw_usb_control(&self->life.usb, &request, out, data);
     deliver(self);
     while (size == PW_USB_NAK && self->tick < last) {
-        size = pw_usb_control_again(&self->usb, data);
+        size = pw_usb_control_again(&self->life.usb, data);
         if (size == PW_USB_NAK) {
             machine_run(self, self->tick + 1u);
         }
@@ -461,14 +415,14 @@ int machine_control(struct machine *self, const uint8_t setup[8], uint8_t *data)
 
 int machine_out(struct machine *self, uint8_t endpoint, const uint8_t *packet, size_t size)
 {
-    const int taken = pw_usb_out(&self->usb, endpoint, packet, size);
+    const int taken = pw_usb_out(&self->life.usb, endpoint, packet, size);
     deliver(self);
     return taken;
 }
 
 int machine_in(struct machine *self, uint8_t endpoint, uint8_t *packet)
 {
-    return pw_usb_in(&self->usb, endpoint, packet, PW_USB_PACKET);
+    return pw_usb_in(&self->life.usb, endpoint, packet, PW_USB_PACKET);
 }
 
 /* The UART ----------------------------------------------------------------------------------------------------- */
@@ -478,21 +432,21 @@ size_t machine_hear(struct machine *self, const uint8_t *bytes, size_t size)
     if (!machine_serves(self)) {
         return size; /* nobody listens */
     }
-    const size_t taken = pw_line_receive(&self->lines[UART], &self->device, bytes, size);
+    const size_t taken = pw_line_receive(&self->lines[UART], &self->life.device, bytes, size);
     deliver(self);
-    pw_line_poll(&self->lines[UART], &self->device);
+    pw_line_poll(&self->lines[UART], &self->life.device);
     return taken;
 }
 
 size_t machine_say(struct machine *self, uint8_t *bytes, size_t room)
 {
-    return machine_serves(self) ? pw_line_send(&self->lines[UART], &self->device, bytes, room) : 0u;
+    return machine_serves(self) ? pw_line_send(&self->lines[UART], &self->life.device, bytes, room) : 0u;
 }
 
 void machine_break(struct machine *self)
 {
     if (machine_serves(self)) {
-        pw_line_hang_up(&self->lines[UART], &self->device);
+        pw_line_hang_up(&self->lines[UART], &self->life.device);
     }
 }
 
