@@ -35,7 +35,7 @@ from ...protocol.wiring import Wiring
 from .bench import Bench
 from .cases import Risk
 from .levers import open_levers
-from .plugin import Catalogue, CatalogueCase, Judge, Watcher
+from .plugin import PREFIX, Catalogue, CatalogueCase, Judge, Watcher
 from .profile import Profile
 from .sight.opening import capture_of
 from .tools.clocks import load_average
@@ -79,6 +79,8 @@ class RunOptions:
         The known failures and their reasons.
     only : tuple of str
         Groups, cases, clauses or chapters, or their beginnings; empty for all.
+    groups : tuple of str
+        The groups to collect, by their whole names; empty for all. Nothing is known of the cases of others.
     seed : int
         Seed of all random numbers.
     enough : int or None
@@ -98,6 +100,7 @@ class RunOptions:
     profile: Profile = field(default_factory=Profile)
     known: Mapping[str, str] = field(default_factory=dict)
     only: tuple[str, ...] = ()
+    groups: tuple[str, ...] = ()
     seed: int = SEED
     enough: int | None = None
     again: bool = True
@@ -148,7 +151,7 @@ def run_conformance(
             bench, options.profile, options.known, options.only, options.enough, watcher or Watcher(), options.again
         )
         try:
-            _pytest(judge)
+            _pytest(judge, groups=options.groups)
             if judge.interruption is None and judge.awaits_recording and bench.observer is not None:
                 bench.observer.finish(judge.watcher.waits)
                 judge.look()
@@ -184,13 +187,14 @@ def _signal(interruption: BaseException) -> int:
     raise interruption
 
 
-def _pytest(plugin: Catalogue | Judge, *arguments: str) -> None:
+def _pytest(plugin: Catalogue | Judge, *arguments: str, groups: Iterable[str] = ()) -> None:
     """Let pytest run the cases with one plugin, and without any configuration of the surroundings."""
+    files = [GROUPS / f"{PREFIX}{group.replace('-', '_')}.py" for group in groups] or [GROUPS]
     plain = ["--assert=plain"]  # cases describe errors in words
     quiet = ["-p", "no:terminal", "-p", "no:cacheprovider", "-p", "no:faulthandler", "-p", "no:logging", "--capture=no"]
     alone = ["--import-mode=importlib", f"--rootdir={GROUPS}", f"--confcutdir={GROUPS}", "-c", os.devnull]
     with _environment(PYTEST_DISABLE_PLUGIN_AUTOLOAD="1", PYTEST_ADDOPTS=""):
-        code = pytest.main([*quiet, *plain, *alone, *arguments, str(GROUPS)], plugins=[plugin])
+        code = pytest.main([*quiet, *plain, *alone, *arguments, *map(str, files)], plugins=[plugin])
     if code == pytest.ExitCode.USAGE_ERROR:
         plugin.trouble.append(f"pytest {pytest.__version__} could not begin; standard error says why")
 
