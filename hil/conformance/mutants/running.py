@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache
-from multiprocessing import get_all_start_methods, get_context
+from multiprocessing import connection, get_all_start_methods, get_context
 from multiprocessing.context import ForkServerContext, SpawnContext
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,12 +27,16 @@ from .patching import Mutant, applied
 __all__ = ["DEFAULT_JOBS", "Fate", "MutantResult", "MutantWatcher", "run_mutants"]
 
 TIME_OUT_SECONDS = 180.0
-LOOK_SECONDS = 0.05
+LOOK_SECONDS = 1.0
+"""How long to wait for the end of a process before all are looked at: one may have exceeded its time."""
 MOST_JOBS = 4
 DEFAULT_JOBS = min(os.cpu_count() or 1, MOST_JOBS)
 WARM = "phasewire.hil.conformance.mutants.warm"
 ENOUGH = 2
 """After so many broken cases it is known that more than one catches the mutant."""
+DOCUMENT = Path(__file__).parents[3] / "docs" / "reference" / "mutants.md"
+ROW = re.compile(r"^\| `([^`]+)` \|.*\|([^|]*)\|$", re.MULTILINE)
+CASE = re.compile(r"`([^`]+)`")
 
 
 class Fate(StrEnum):
@@ -84,10 +89,17 @@ class MutantWatcher:
         """A mutant has ended."""
 
 
+def recorded() -> dict[str, tuple[str, ...]]:
+    """The cases that caught the mutants before, by the document that `reports.markdown` writes."""
+    text = DOCUMENT.read_text("utf-8") if DOCUMENT.exists() else ""
+    return {name: tuple(CASE.findall(cases)) for name, cases in ROW.findall(text)}
+
+
 def judge_alone(name: str, enough: int | None, out: Path) -> None:
     """Judge a mutant of the catalogue in a process that is used for nothing else.
 
-    Cases of its clauses and its group run first; the others run only if none of these catches it.
+    The cases that caught it before run first. If one of them does not any more, cases of its clauses and its group run,
+    and the others only if none of these catches it.
 
     Parameters
     ----------
@@ -98,14 +110,24 @@ def judge_alone(name: str, enough: int | None, out: Path) -> None:
         The file for the result, as JSON.
     """
     from ..running import RunOptions, run_conformance
-    from .catalogue import MUTANTS
+    from .warm import CASES, MUTANTS
 
     mutant = MUTANTS[name]
+    plain = RunOptions(mutant.url, enough=enough, again=False)
+    searches = [(plain, 0)]
+    if enough:
+        searches = [(replace(plain, only=mutant.names), 1), (replace(plain, enough=1), 1)]
+        before = [case for case in recorded().get(name, ()) if case in CASES][:enough]
+        if before:
+            groups = tuple(dict.fromkeys(case.partition("/")[0] for case in before))
+            again = replace(plain, only=tuple(before), groups=groups, enough=len(before))
+            searches.insert(0, (again, len(before)))
     with applied(mutant):
-        run = run_conformance(RunOptions(mutant.url, only=mutant.names if enough else (), enough=enough, again=False))
-        if enough and run.passed:  # none of the cases that should have caught it
-            run = run_conformance(RunOptions(mutant.url, enough=1, again=False))
-    cases = list(dict.fromkeys(result.whole for result in run.results if result.breaks))
+        for options, least in searches:
+            run = run_conformance(options)
+            cases = list(dict.fromkeys(result.whole for result in run.results if result.breaks))
+            if len(cases) >= least or run.trouble:
+                break
     out.write_text(json.dumps({"cases": cases, "trouble": run.trouble}), encoding="utf-8")
 
 
@@ -146,7 +168,7 @@ def run_mutants(
                 with postponing():  # until the process is in `running`, which ends it in any case
                     running.append(_Attempt(waiting.popleft(), Path(folder), None if thorough else ENOUGH, judge))
                 watcher.goes_on([attempt.mutant.name for attempt in running], len(results), len(chosen))
-            time.sleep(LOOK_SECONDS)
+            connection.wait([attempt.sentinel for attempt in running], LOOK_SECONDS)
             for attempt in [attempt for attempt in running if attempt.is_over]:
                 result = results[attempt.mutant.name] = attempt.result()
                 running.remove(attempt)
@@ -181,6 +203,11 @@ class _Attempt:
         return time.monotonic() - self._began
 
     @property
+    def sentinel(self) -> int:
+        """What is ready when the process has ended."""
+        return self._process.sentinel
+
+    @property
     def is_over(self) -> bool:
         """Whether it has ended or has exceeded its time."""
         return not self._process.is_alive() or self._seconds > TIME_OUT_SECONDS
@@ -204,7 +231,7 @@ def _context() -> ForkServerContext | SpawnContext:
     if "forkserver" not in get_all_start_methods():
         return get_context("spawn")
     context = get_context("forkserver")
-    context.set_forkserver_preload([WARM])
+    context.set_forkserver_preload(["__main__", WARM])
     return context
 
 
