@@ -38,7 +38,7 @@ fuzz: $(VENV)/fuzz           ## give random bytes to every decoder, FUZZ_SECONDS
 soak: $(VENV)/ready          ## a stream with random faults, SOAK_MINUTES (120) of the device's time
 	@$(BIN)/python -m tests.soak --minutes $(SOAK_MINUTES)
 
-mutants: $(VENV)/ready       ## the conformance suite against every broken emulator, in a quarter of an hour
+mutants: $(VENV)/ready       ## the conformance suite against every broken emulator, in some minutes
 	@$(BIN)/phasewire conformance --mutants --jobs $(TEST_PROCESSES)
 
 firmware-mutants: $(VENV)/ready ## the conformance suite against the chain processors' firmware, broken in many ways, in some minutes

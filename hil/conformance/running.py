@@ -79,6 +79,8 @@ class RunOptions:
         The known failures and their reasons.
     only : tuple of str
         Groups, cases, clauses or chapters, or their beginnings; empty for all.
+    groups : tuple of str
+        The groups to collect, by their whole names; empty for all. Nothing is known of the cases of others.
     seed : int
         Seed of all random numbers.
     enough : int or None
@@ -89,8 +91,6 @@ class RunOptions:
     doors : tuple of str
         The URLs of further lines of the same device. If there are none, the other line of the emulator if it runs in
         this process.
-    groups : tuple of str
-        The groups to collect, by their whole names; empty for all. Nothing is known of the cases of others.
     """
 
     url: str
@@ -100,11 +100,11 @@ class RunOptions:
     profile: Profile = field(default_factory=Profile)
     known: Mapping[str, str] = field(default_factory=dict)
     only: tuple[str, ...] = ()
+    groups: tuple[str, ...] = ()
     seed: int = SEED
     enough: int | None = None
     again: bool = True
     doors: tuple[str, ...] = ()
-    groups: tuple[str, ...] = ()
 
 
 def catalogue() -> list[CatalogueCase]:

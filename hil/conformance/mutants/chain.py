@@ -117,13 +117,13 @@ def a_lone_listener_does_not_wait(patch: Patch) -> None:
 def faults_go_with_their_cause(original: Any, self: Any, report: Any) -> None:
     """A fault and the state OFF vanish as soon as the reports show no cause: faults are not latched."""
     original(self, report)
-    self._on_fault.__self__._clear_faults()
+    self._on_fault.__self__.clear()
 
 
 @mutant("REQ-011", "SAF-007", wraps=(KnownFaults, "clear"))
 def clear_faults_clears_what_persists(_: Any, self: Any) -> None:
     """CLEAR_FAULTS clears every fault, and the state, until the next report: it does not check the causes."""
-    cleared, self.faults = self.faults, NO_FAULTS
+    cleared, self._device.faults = self._device.faults, NO_FAULTS
     self.supervisor.forget(cleared)
     self._machine.happen(StateEvent.CLEAR, self._dispatch.now)
     if cleared:

@@ -79,10 +79,10 @@ def halt_on(patch: Patch, reason: Reason) -> None:
         if pipe is None or endpoint != ENDPOINT_OUT:
             found: Handshake = original(self, endpoint, packet)
             return found
-        judge = pipe.function._controller
-        before = judge._refused
+        device = pipe.function._controller._device
+        before = device.refused
         answer: Handshake = original(self, endpoint, packet)
-        if judge._refused != before and judge._last_refusal is reason:
+        if device.refused != before and device.last_refusal is reason:
             self.halt(endpoint)
         return answer
 

@@ -174,16 +174,12 @@ def upgrade_overwrites_the_bank_that_runs(
 
 
 @mutant("FWU-018", "DFU-010", by=partial(handle, request=DOWNLOAD))
-def bank_is_erased_before_the_header_is_checked(original: Any) -> Any:
+def bank_is_erased_before_the_header_is_checked(original: Any, self: Any, setup: Any, data: bytes) -> Any:
     """The first block erases the bank's boot record before its header is judged."""
-
-    def download(self: Any, setup: Any, data: bytes) -> Any:
-        begins = self.state is DfuState.DFU_IDLE and data
-        if begins and self._flash.writable and not self._flash.busy:
-            self._flash.erase(self._bank.record_address)
-        return original(self, setup, data)
-
-    return download
+    begins = self.state is DfuState.DFU_IDLE and data
+    if begins and self._flash.writable and not self._flash.busy:
+        self._flash.erase(self._bank.record_address)
+    return original(self, setup, data)
 
 
 @mutant("FWU-018")

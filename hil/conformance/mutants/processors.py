@@ -1,9 +1,9 @@
 """Break the chain processors' program in one way at a time, and see whether the conformance suite notices.
 
-The bugs are changes of the sources in `firmware/xmos/processor` (`processors.toml`, in the form of `texts`). The program
-is built with each, and executed by all ten processors of an emulated device, which the cases that should catch it judge.
-If an entry names no case, the build itself must refuse the program. The program without a bug must pass all these
-cases. A bug in C needs clang with the target xcore::
+The bugs are changes of the sources in `firmware/xmos/processor` (`processors.toml`, in the form of `texts`). The
+program is built with each, and executed by all ten processors of an emulated device, which the cases that should catch
+it judge. If an entry names no case, the build itself must refuse the program. The program without a bug must pass all
+these cases. A bug in C needs clang with the target xcore::
 
     python -m phasewire.hil.conformance.mutants.processors             # all; exit code 1 if one gets away
     python -m phasewire.hil.conformance.mutants.processors NAME ...    # some of them
@@ -11,7 +11,6 @@ cases. A bug in C needs clang with the target xcore::
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -27,12 +26,14 @@ from ....protocol.codes import Target
 from ....protocol.firmware import Image, Segment
 from ....protocol.firmware import build as build_file
 from ....protocol.versions import Version
+from ..running import RunOptions
 from .texts import TextMutant, TextOutcome, judge_all, read_text_mutants, run_cases
 
 __all__ = ["broken_image", "broken_sources", "judge_processors", "known_mutants", "needs_clang"]
 
+WARM = "phasewire.hil.conformance.mutants.warm_processors"
 BUGS = Path(__file__).with_suffix(".toml")
-UNBROKEN = TextMutant("unbroken", "Nothing.", "start.s", (), (), {})
+UNBROKEN = TextMutant("unbroken", "Nothing.", "start.s", (), (), "", {})
 
 
 def known_mutants() -> list[TextMutant]:
@@ -107,7 +108,7 @@ def _judge(root: Path, mutant: TextMutant) -> TextOutcome:
     file = folder / "image.dfu"
     file.write_bytes(build_file(image))
     unbroken = mutant.name == UNBROKEN.name
-    return run_cases(["--device", f"emulator:?firmware={file}"], mutant.only, passes=unbroken)
+    return run_cases(RunOptions(f"emulator:?firmware={file}"), mutant, passes=unbroken, warm=WARM)
 
 
 def judge_processors(names: Sequence[str]) -> int:
@@ -123,7 +124,7 @@ def judge_processors(names: Sequence[str]) -> int:
         passed = judge(UNBROKEN._replace(only=tuple(cases)))
         sys.stdout.write(f"unbroken: {passed.words}\n")
         sys.stdout.flush()
-        return max(0 if passed.right else 1, judge_all(names, known, judge, workers=os.cpu_count() or 1))
+        return max(0 if passed.right else 1, judge_all(names, known, judge))
 
 
 if __name__ == "__main__":

@@ -7,31 +7,39 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache
-from multiprocessing import get_all_start_methods, get_context
+from multiprocessing import connection, get_all_start_methods, get_context
 from multiprocessing.context import ForkServerContext, SpawnContext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from ....base.signals import postponing
+from ..running import RunOptions, run_conformance
+from ..verdicts import Verdict
 from .patching import Mutant, applied
 
 __all__ = ["DEFAULT_JOBS", "Fate", "MutantResult", "MutantWatcher", "run_mutants"]
 
 TIME_OUT_SECONDS = 180.0
-LOOK_SECONDS = 0.05
+LOOK_SECONDS = 1.0
+"""How long to wait for the end of a process before all are looked at: one may have exceeded its time."""
 MOST_JOBS = 4
 DEFAULT_JOBS = min(os.cpu_count() or 1, MOST_JOBS)
 WARM = "phasewire.hil.conformance.mutants.warm"
 ENOUGH = 2
 """After so many broken cases it is known that more than one catches the mutant."""
+DOCUMENT = Path(__file__).parents[3] / "docs" / "reference" / "mutants.md"
+ROW = re.compile(r"^\| `([^`]+)` \|.*\|([^|]*)\|$", re.MULTILINE)
+CASE = re.compile(r"`([^`]+)`")
+CRASH = re.compile(r"the suite did not expect this: (AttributeError|NameError|TypeError)\b")
+"""What cases say of a mutant that is broken in another way than it says: it names what the emulator does not have."""
 
 
 class Fate(StrEnum):
@@ -84,10 +92,51 @@ class MutantWatcher:
         """A mutant has ended."""
 
 
+def recorded() -> dict[str, tuple[str, ...]]:
+    """The cases that caught the mutants before, by the document that `reports.markdown` writes."""
+    text = DOCUMENT.read_text("utf-8") if DOCUMENT.exists() else ""
+    return {name: tuple(CASE.findall(cases)) for name, cases in ROW.findall(text)}
+
+
+class Search(NamedTuple):
+    """A run that may catch a mutant.
+
+    Parameters
+    ----------
+    options : RunOptions
+    least : int
+        How many cases must break so that no further search is needed.
+    """
+
+    options: RunOptions
+    least: int = 1
+
+    @classmethod
+    def of_cases(cls, plain: RunOptions, cases: Sequence[str]) -> Search:
+        """The run of some cases, by names that begin with their groups, until all break: it collects no other group."""
+        groups = tuple(dict.fromkeys(case.partition("/")[0] for case in cases))
+        return cls(replace(plain, only=tuple(cases), groups=groups, enough=len(cases)), len(cases))
+
+
+def search(searches: Iterable[Search], out: Path) -> None:
+    """Go through searches until one has found enough, and write what broke in it to a file, as JSON."""
+    for options, least in searches:
+        run = run_conformance(options)
+        cases = list(dict.fromkeys(result.whole for result in run.results if result.breaks))
+        if len(cases) >= least or run.trouble:
+            break
+    trouble = list(run.trouble)
+    trouble += [f"{result.case}: {result.reason}" for result in run.results if CRASH.search(result.reason)]
+    if not cases and not any(result.verdict is Verdict.PASS for result in run.results):
+        trouble.append("no case was judged")
+    out.write_text(json.dumps({"cases": cases, "trouble": trouble}), encoding="utf-8")
+
+
 def judge_alone(name: str, enough: int | None, out: Path) -> None:
     """Judge a mutant of the catalogue in a process that is used for nothing else.
 
-    Cases of its clauses and its group run first; the others run only if none of these catches it.
+    The cases that caught it before run first. If one of them does not any more, cases of its clauses and its group run,
+    and the others only if none of these catches it.
 
     Parameters
     ----------
@@ -97,16 +146,17 @@ def judge_alone(name: str, enough: int | None, out: Path) -> None:
     out : path
         The file for the result, as JSON.
     """
-    from ..running import RunOptions, run_conformance
-    from .catalogue import MUTANTS
+    from .warm import CASES, MUTANTS
 
     mutant = MUTANTS[name]
+    plain = RunOptions(mutant.url, enough=enough, again=False)
+    searches = [Search(plain, 0)]
+    if enough:
+        searches = [Search(replace(plain, only=mutant.names)), Search(replace(plain, enough=1), 0)]
+        if before := [case for case in recorded().get(name, ()) if case in CASES]:
+            searches.insert(0, Search.of_cases(plain, before[:enough]))
     with applied(mutant):
-        run = run_conformance(RunOptions(mutant.url, only=mutant.names if enough else (), enough=enough, again=False))
-        if enough and run.passed:  # none of the cases that should have caught it
-            run = run_conformance(RunOptions(mutant.url, enough=1, again=False))
-    cases = list(dict.fromkeys(result.whole for result in run.results if result.breaks))
-    out.write_text(json.dumps({"cases": cases, "trouble": run.trouble}), encoding="utf-8")
+        search(searches, out)
 
 
 Judgement = Callable[[str, int | None, Path], None]
@@ -139,83 +189,100 @@ def run_mutants(
     list of MutantResult
         In the order of the mutants. The processes end with this function, even after an exception.
     """
-    waiting, running, results = deque(chosen), list[_Attempt](), dict[str, MutantResult]()
-    with TemporaryDirectory() as folder, _ended_at_last(running):
+    waiting, running, results = deque(chosen), dict[Mutant, Attempt](), dict[Mutant, MutantResult]()
+    try:
         while waiting or running:
             while waiting and len(running) < jobs:
+                mutant = waiting.popleft()
                 with postponing():  # until the process is in `running`, which ends it in any case
-                    running.append(_Attempt(waiting.popleft(), Path(folder), None if thorough else ENOUGH, judge))
-                watcher.goes_on([attempt.mutant.name for attempt in running], len(results), len(chosen))
-            time.sleep(LOOK_SECONDS)
-            for attempt in [attempt for attempt in running if attempt.is_over]:
-                result = results[attempt.mutant.name] = attempt.result()
-                running.remove(attempt)
-                watcher.ended(result)
-    return [results[mutant.name] for mutant in chosen]
-
-
-@contextmanager
-def _ended_at_last(attempts: list[_Attempt]) -> Iterator[None]:
-    """End all processes in any case."""
-    try:
-        yield
+                    running[mutant] = Attempt(judge, mutant.name, None if thorough else ENOUGH)
+                watcher.goes_on([mutant.name for mutant in running], len(results), len(chosen))
+            connection.wait([attempt.sentinel for attempt in running.values()], LOOK_SECONDS)
+            for mutant, attempt in list(running.items()):
+                if attempt.is_over:
+                    finding = attempt.finding()
+                    results[mutant] = MutantResult(mutant, *finding, attempt.seconds)
+                    del running[mutant]
+                    watcher.ended(results[mutant])
     finally:
-        for attempt in attempts:
+        for attempt in running.values():
             attempt.end()
+    return [results[mutant] for mutant in chosen]
 
 
-class _Attempt:
-    """A process that judges a mutant."""
+class Attempt:
+    """A process that judges a mutant: it calls a function, the last argument of which is the file for the result.
 
-    def __init__(self, mutant: Mutant, folder: Path, enough: int | None, judge: Judgement) -> None:
-        self.mutant = mutant
-        self._began = time.monotonic()
-        self._out, self._errors = folder / f"{mutant.name}.json", folder / f"{mutant.name}.txt"
-        self._process = _context().Process(
-            target=_apart, args=(judge, mutant.name, enough, self._out, self._errors), daemon=True
-        )
+    Parameters
+    ----------
+    judge : callable
+    *given
+        Its other arguments.
+    most : float
+        The time that it has, s.
+    warm : str
+        The module that the process finds imported.
+    """
+
+    def __init__(
+        self, judge: Callable[..., None], *given: object, most: float = TIME_OUT_SECONDS, warm: str = WARM
+    ) -> None:
+        self._began, self._most = time.monotonic(), most
+        self._folder = TemporaryDirectory()
+        self._out, self._errors = Path(self._folder.name) / "out.json", Path(self._folder.name) / "errors.txt"
+        self._process = _context(warm).Process(target=_apart, args=(judge, given, self._out, self._errors), daemon=True)
         self._process.start()
 
     @property
-    def _seconds(self) -> float:
+    def seconds(self) -> float:
+        """Duration so far, by the wall clock."""
         return time.monotonic() - self._began
+
+    @property
+    def sentinel(self) -> int:
+        """What is ready when the process has ended."""
+        return self._process.sentinel
 
     @property
     def is_over(self) -> bool:
         """Whether it has ended or has exceeded its time."""
-        return not self._process.is_alive() or self._seconds > TIME_OUT_SECONDS
+        return not self._process.is_alive() or self.seconds > self._most
 
-    def result(self) -> MutantResult:
-        """Its result; this ends the process."""
-        code, seconds = self._process.exitcode, self._seconds
-        self.end()
+    def finding(self) -> MutantFinding:
+        """The judgement, once it is over or its time is; this ends the process."""
+        self._process.join(max(0.0, self._most - self.seconds))
+        code = self._process.exitcode
+        self._process.kill()
+        self._process.join()
         found = judged(code, _text(self._out), _text(self._errors))
-        return MutantResult(self.mutant, *found, seconds)
+        self.end()
+        return found
 
     def end(self) -> None:
         """End the process, whatever it does."""
         self._process.kill()
         self._process.join()
+        self._folder.cleanup()
 
 
 @cache
-def _context() -> ForkServerContext | SpawnContext:
+def _context(warm: str) -> ForkServerContext | SpawnContext:
     """How processes begin: if the system can do so, as forks of one that has loaded all modules that they need."""
     if "forkserver" not in get_all_start_methods():
         return get_context("spawn")
     context = get_context("forkserver")
-    context.set_forkserver_preload([WARM])
+    context.set_forkserver_preload([warm])
     return context
 
 
-def _apart(judge: Judgement, name: str, enough: int | None, out: Path, errors: Path) -> None:
+def _apart(judge: Callable[..., None], given: Sequence[object], out: Path, errors: Path) -> None:
     """Judge in this process. Its output goes to a file, and keys of the terminal do not reach it."""
     if hasattr(os, "setsid"):
         os.setsid()
     with errors.open("wb") as file:
         for stream in (1, 2):
             os.dup2(file.fileno(), stream)
-    judge(name, enough, out)
+    judge(*given, out)
 
 
 def _text(path: Path) -> str:
@@ -244,7 +311,7 @@ def judged(code: int | None, out: str, errors: str) -> MutantFinding:
     """
     last = errors.strip().rpartition("\n")[2]
     if code is None:
-        return MutantFinding(Fate.HUNG, why=f"not over after {TIME_OUT_SECONDS:g} s; last output: {last or 'none'}")
+        return MutantFinding(Fate.HUNG, why=f"not over in time; last output: {last or 'none'}")
     if code or not out:
         return MutantFinding(Fate.CRASHED, why=f"exit code {code}: {last or 'no output'}")
     record = json.loads(out)

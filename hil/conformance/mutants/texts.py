@@ -1,31 +1,29 @@
 """Bugs as changes of a source's text, put into programs that are not Python: the C reference device, the firmware.
 
 An entry of a TOML file is one: its name, `what` is wrong, the `file`, the text that it `was` and that it `is`, more
-pairs of these in `also`, and the cases that catch it, `only`.
+pairs of these in `also`, the cases or groups that catch it, `only`, and the `case` among these that runs first.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..running import RunOptions
+from .running import WARM, Attempt, Fate, Search, search
+
 __all__ = ["TextMutant", "TextOutcome", "judge_all", "read_text_mutants", "run_cases"]
 
-WORKERS = 2
+WORKERS = os.cpu_count() or 1
 JUDGE_SECONDS = 900
-ENTRY = {"what", "file", "was", "is", "also", "only"}
+ENTRY = {"what", "file", "was", "is", "also", "only", "case"}
 """The keys of an entry that all have."""
-PASSED, FAILED = 0, 1
-"""Exit codes of `phasewire conformance`."""
-FAIL = "fail"
-"""A case's verdict in its report."""
 
 
 class TextMutant(NamedTuple):
@@ -41,7 +39,9 @@ class TextMutant(NamedTuple):
     changes : tuple of (str, str)
         What the text was, and what it is; it stands once in the source.
     only : tuple of str
-        The cases or groups that catch it.
+        The beginnings of the cases that catch it, or their groups.
+    case : str
+        One of these that has caught it before; empty if none is known.
     others : mapping
         Further keys of the entry.
     """
@@ -51,6 +51,7 @@ class TextMutant(NamedTuple):
     file: str
     changes: tuple[tuple[str, str], ...]
     only: tuple[str, ...]
+    case: str
     others: Mapping[str, Any]
 
     def broken(self, text: str) -> str:
@@ -79,7 +80,9 @@ def read_text_mutants(*paths: Path) -> Iterator[TextMutant]:
         for name, entry in tomllib.loads(path.read_text("utf-8")).items():
             changes = ((entry["was"], entry["is"]), *((was, becomes) for was, becomes in entry.get("also", ())))
             others = {key: value for key, value in entry.items() if key not in ENTRY}
-            yield TextMutant(name, entry["what"], entry["file"], changes, tuple(entry["only"]), others)
+            yield TextMutant(
+                name, entry["what"], entry["file"], changes, tuple(entry["only"]), entry.get("case", ""), others
+            )
 
 
 class TextOutcome(NamedTuple):
@@ -97,49 +100,48 @@ class TextOutcome(NamedTuple):
     words: str
 
 
+def judge_cases(searches: Sequence[Search], environment: Mapping[str, str], out: Path) -> None:
+    """Judge a device in a process that is used for nothing else, with further variables of the environment."""
+    os.environ.update(environment)
+    search(searches, out)
+
+
 def run_cases(
-    options: Sequence[str], only: Sequence[str], *, passes: bool = False, environment: Mapping[str, str] | None = None
+    device: RunOptions,
+    mutant: TextMutant,
+    *,
+    passes: bool = False,
+    environment: Mapping[str, str] | None = None,
+    warm: str = WARM,
 ) -> TextOutcome:
-    """Run cases against a device in a process of their own.
+    """Run the cases of a mutant against a device, in a process of their own.
 
     Parameters
     ----------
-    options : sequence of str
-        Of `phasewire conformance`: the device, and what acts on it.
-    only : sequence of str
-        The cases or groups.
+    device : RunOptions
+        The device, and what acts on it.
+    mutant : TextMutant
+        Its ``case`` runs first, and ``only`` if this does not fail.
     passes : bool
         Whether all cases should pass; otherwise one should fail, and the first that does ends the run.
     environment : mapping, optional
         Further variables of the environment.
+    warm : str
+        The module that the process finds imported.
     """
-    chosen = [word for name in only for word in ("--only", name)]
-    ends = [] if passes else ["--stop-after", "1"]
-    try:
-        done = subprocess.run(
-            [sys.executable, "-m", "phasewire", "conformance", *options, *ends, *chosen, "--json", "-"],
-            env={**os.environ, **(environment or {})},
-            capture_output=True,
-            text=True,
-            timeout=JUDGE_SECONDS,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return TextOutcome(False, f"not over after {JUDGE_SECONDS} s")
-    right = done.returncode == (PASSED if passes else FAILED)
-    if not done.stdout.startswith("{"):
-        return TextOutcome(False, f"exit code {done.returncode}: {done.stderr.strip().splitlines()[-1:]}")
-    report = json.loads(done.stdout)
-    broken = [result["case"] for result in report["results"] if result["verdict"] == FAIL]
-    return TextOutcome(right and not report["trouble"], ", ".join(broken) or f"{report['summary']} {report['trouble']}")
+    device = replace(device, again=False)
+    searches = [Search.of_cases(device, [mutant.case])] if mutant.case else []
+    last = Search.of_cases(device, mutant.only)
+    searches.append(last._replace(options=replace(last.options, enough=None if passes else 1), least=0))
+    found = Attempt(judge_cases, searches, environment or {}, most=JUDGE_SECONDS, warm=warm).finding()
+    right = found.fate is Fate.SURVIVED if passes else found.fate.is_catch
+    return TextOutcome(right, ", ".join(found.cases) or found.why or "all passed")
 
 
 def judge_all(
     names: Sequence[str],
     known: Sequence[TextMutant],
     judge: Callable[[TextMutant], TextOutcome],
-    *,
-    workers: int = WORKERS,
 ) -> int:
     """Judge mutants and print what came of each.
 
@@ -151,8 +153,6 @@ def judge_all(
         All that there are.
     judge : callable
         Runs the cases that should catch a mutant.
-    workers : int
-        How many are judged at a time.
 
     Returns
     -------
@@ -164,7 +164,7 @@ def judge_all(
         return 2
     chosen = [mutant for mutant in known if not names or mutant.name in names]
     escaped = 0
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(WORKERS) as pool:
         for mutant, found in zip(chosen, pool.map(judge, chosen), strict=True):
             escaped += not found.right
             sys.stdout.write(f"{'caught ' if found.right else 'ESCAPED'}  {mutant.name}: {found.words}\n")
