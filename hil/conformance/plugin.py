@@ -24,7 +24,7 @@ from .profile import Profile
 from .verdicts import AT_THE_OUTPUTS, Evidence, Result, Verdict
 
 if TYPE_CHECKING:
-    from .running import RunOptions
+    from .options import RunOptions
 
 __all__ = ["Catalogue", "CatalogueCase", "Judge", "Watcher", "case_id", "selected", "wanted"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import os
 import signal
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -35,8 +35,8 @@ from ...protocol.wiring import Wiring
 from .bench import Bench
 from .cases import Risk
 from .levers import open_levers
+from .options import RunOptions
 from .plugin import PREFIX, Catalogue, CatalogueCase, Judge, Watcher
-from .profile import Profile
 from .sight.opening import capture_of
 from .tools.clocks import load_average
 from .transports.line import RawLine
@@ -54,57 +54,7 @@ EMULATOR, NONE = "emulator", "none"
 SPARES = "phasewire.spares"
 """Entry points by the scheme of a device's URL: functions that take the key which a device is to trust, or None, and
 return the rest of the URL of a fresh one, for what breaks a device for good. Capture and levers have the same rest."""
-SEED = 1
 _serials = count(1)
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """The options of a run.
-
-    Parameters
-    ----------
-    url : str
-        The URL by which the host finds the device.
-    capture : str or None
-        By what the outputs are seen: ``SCHEME:REST`` such as ``sigrok:FILE`` (`capture_of`), ``emulator`` or ``none``.
-        None for the emulator if there is one in this process.
-    levers : tuple of str
-        What can be done to the device: ``SCHEME:REST`` such as ``command:power=PROGRAM {}`` (`open_levers`), or
-        ``emulator``. If there are none, those of the emulator if there is one in this process.
-    allowed : frozenset of Risk or None
-        The allowed risks; None for none, or for all if the device is emulated in this process.
-    profile : Profile
-    known : mapping of str to str
-        The known failures and their reasons.
-    only : tuple of str
-        Groups, cases, clauses or chapters, or their beginnings; empty for all.
-    groups : tuple of str
-        The groups to collect, by their whole names; empty for all. Nothing is known of the cases of others.
-    seed : int
-        Seed of all random numbers.
-    enough : int or None
-        The run ends after so many cases that break it; None for all of it.
-    again : bool
-        Whether a case that failed is run once more, which tells a sporadic failure from a permanent one; it breaks the
-        run either way.
-    doors : tuple of str
-        The URLs of further lines of the same device. If there are none, the other line of the emulator if it runs in
-        this process.
-    """
-
-    url: str
-    capture: str | None = None
-    levers: tuple[str, ...] = ()
-    allowed: frozenset[Risk] | None = None
-    profile: Profile = field(default_factory=Profile)
-    known: Mapping[str, str] = field(default_factory=dict)
-    only: tuple[str, ...] = ()
-    groups: tuple[str, ...] = ()
-    seed: int = SEED
-    enough: int | None = None
-    again: bool = True
-    doors: tuple[str, ...] = ()
 
 
 def catalogue() -> list[CatalogueCase]:

@@ -11,7 +11,7 @@ from phasewire.hil.conformance.cases import Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
 from phasewire.hil.conformance.tools.player import Player, in_time, is_fast
 from phasewire.hil.conformance.tools.steps import check_refused, expect_all, require
-from phasewire.protocol.blocks import Change, Entries, Entry, NoOp, Output, PlaySequence, Slot, Update
+from phasewire.protocol.blocks import Body, Change, Entries, Entry, NoOp, Output, PlaySequence, Slot, Update
 from phasewire.protocol.board import CHANNELS
 from phasewire.protocol.codes import (
     ENTRIES_PER_BLOCK,
@@ -311,7 +311,8 @@ def test_what_a_sequence_plays_is_not_overwritten(bench: Bench, player: Player) 
     bench.wait_until(ack.commit_period + 5)
     before = bench.period()
     entries = [Entries((Entry(73, 1),) * count, first) for count, first in ((2, 199), (2, 202), (120, 150))]
-    for body in (same, Slot(70, bench.weak()), Slot(72, bench.weak()), Entries((Entry(71, 1),), 201), *entries):
+    stored: list[Body] = [same, Slot(70, bench.weak()), Slot(72, bench.weak()), Entries((Entry(71, 1),), 201), *entries]
+    for body in stored:
         check_refused(bench, body, Reason.IN_USE)
     bench.wait_periods(SETTLED_PERIODS)
     after = bench.period()
