@@ -10,6 +10,7 @@ import textwrap
 from collections.abc import Hashable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from phasewire.base.errors import DeviceError, DeviceNotFoundError
@@ -92,13 +93,20 @@ def write(groups: Path, name: str, cases: str) -> None:
     (groups / f"test_{name}.py").write_text(HEAD + textwrap.dedent(cases), encoding="utf-8")
 
 
+def run_group(
+    groups: Path, name: str, cases: str, watcher: Watcher | None = None, url: str = "emulator:", **options: Any
+) -> Run:
+    """Write a group, and run the folder of groups."""
+    write(groups, name, cases)
+    return run_conformance(RunOptions(url, **options), watcher)
+
+
 def judged(run: Run) -> dict[str, Verdict]:
     return {result.case: result.verdict for result in run.results}
 
 
 def test_what_a_case_does_decides_its_verdict(groups: Path) -> None:
-    write(groups, "some_things", ALL_VERDICTS)
-    run = run_conformance(RunOptions("emulator:"))
+    run = run_group(groups, "some_things", ALL_VERDICTS)
     assert judged(run) == {
         "some-things/that-passes": Verdict.PASS,
         "some-things/that-fails": Verdict.FAIL,
@@ -126,8 +134,7 @@ def test_what_a_case_does_decides_its_verdict(groups: Path) -> None:
 
 
 def test_a_case_leaves_its_blocks_requests_and_answers_as_evidence(groups: Path) -> None:
-    write(groups, "one", ALL_VERDICTS)
-    (result,) = run_conformance(RunOptions("emulator:", only=("one/that-passes",))).results
+    (result,) = run_group(groups, "one", ALL_VERDICTS, only=("one/that-passes",)).results
     labels = [evidence.label for evidence in result.evidence]
     assert labels[:2] == ["block", "acknowledgement"]
     assert result.evidence[0].text.startswith("50 57 01 09 ")
@@ -173,7 +180,7 @@ def test_what_a_case_sends_by_itself_is_evidence_too(groups: Path, url: str) -> 
 
 def test_evidence_ends_with_the_decisive_piece_and_the_rest_is_clean_up(groups: Path) -> None:
     """Whatever a case does in `finally`, as putting firmware back, and the bench after it."""
-    write(
+    fails, another, _, looks = run_group(
         groups,
         "past",
         '''
@@ -203,8 +210,7 @@ def test_evidence_ends_with_the_decisive_piece_and_the_rest_is_clean_up(groups: 
             bench.judge(0, 1, lambda seen: expect("it", 1, 2))
             bench.status()
         ''',
-    )
-    fails, another, _, looks = run_conformance(RunOptions("emulator:")).results
+    ).results
     assert [each.label for each in fails.evidence if not each.after] == ["STATUS", "block", "records"]
     assert [each.label for each in fails.evidence][3:5] == ["request", "answer"]
     assert {each.meaning for each in fails.evidence[3:-1:2]} == {"request WATCHDOG 100"}
@@ -228,13 +234,11 @@ def test_evidence_ends_with_the_decisive_piece_and_the_rest_is_clean_up(groups: 
     ],
 )
 def test_only_what_was_asked_for_runs(groups: Path, only: str, names: int) -> None:
-    write(groups, "some_things", ALL_VERDICTS)
-    assert len(run_conformance(RunOptions("emulator:", only=(only,))).results) == names
+    assert len(run_group(groups, "some_things", ALL_VERDICTS, only=(only,)).results) == names
 
 
 def test_a_run_may_end_when_enough_broke(groups: Path) -> None:
-    write(groups, "some_things", ALL_VERDICTS)
-    run = run_conformance(RunOptions("emulator:", enough=2))
+    run = run_group(groups, "some_things", ALL_VERDICTS, enough=2)
     assert sum(result.breaks for result in run.results) == 2
     assert run.results[-1].case == "some-things/that-is-wrong-itself"
 
@@ -254,7 +258,7 @@ def test_known_failures_do_not_break_a_run_but_their_passes_and_unknown_ones_do(
 
 @pytest.mark.slow
 def test_a_known_failure_without_parameter_stands_for_all_parts(groups: Path) -> None:
-    write(
+    run = run_group(
         groups,
         "parts",
         '''
@@ -269,8 +273,8 @@ def test_a_known_failure_without_parameter_stands_for_all_parts(groups: Path) ->
         def test_that(bench: Bench, part: str) -> None:
             """None fails."""
         ''',
+        known={"parts/it": "we know"},
     )
-    run = run_conformance(RunOptions("emulator:", known={"parts/it": "we know"}))
     assert run.passed
     assert [result.known for result in run.results] == [None, "we know", None, None]
     mended = run_conformance(RunOptions("emulator:", known={"parts/it": "we know", "parts/that": "we knew"}))
@@ -310,8 +314,7 @@ def test_usb(bench: Bench) -> None:
 
 
 def test_what_is_not_allowed_or_not_there_is_inconclusive(groups: Path) -> None:
-    write(groups, "gated", GATED)
-    allowed = judged(run_conformance(RunOptions("emulator:")))
+    allowed = judged(run_group(groups, "gated", GATED))
     assert set(allowed.values()) == {Verdict.PASS}
     run = run_conformance(RunOptions("emulator:?door=serial", capture="none", allowed=frozenset({Risk.DRIVE})))
     assert [(result.verdict, result.reason) for result in run.results] == [
@@ -344,8 +347,7 @@ CUT_SHORT = "the case failed before its outputs were judged"
 
 
 def test_what_only_the_outputs_show_has_a_verdict_of_its_own(groups: Path) -> None:
-    write(groups, "half", HALF_SEEN)
-    run = run_conformance(RunOptions("emulator:", again=False))
+    run = run_group(groups, "half", HALF_SEEN, again=False)
     assert {result.case: (result.clauses, result.verdict, result.reason) for result in run.results} == {
         "half/it[sound]": (("STA-003",), Verdict.PASS, ""),
         "half/it#outputs[sound]": (("SAF-001",), Verdict.PASS, ""),
@@ -363,8 +365,7 @@ def test_what_only_the_outputs_show_has_a_verdict_of_its_own(groups: Path) -> No
 
 
 def test_without_sight_answers_are_judged_and_outputs_are_not(groups: Path) -> None:
-    write(groups, "half", HALF_SEEN)
-    run = run_conformance(RunOptions("emulator:", capture="none", again=False))
+    run = run_group(groups, "half", HALF_SEEN, capture="none", again=False)
     answers = [(result.case, result.verdict) for result in run.results if "#" not in result.case]
     assert answers == [
         ("half/it[sound]", Verdict.PASS),
@@ -411,8 +412,7 @@ def test_a_case_without_a_clause_or_a_sentence_cannot_be_collected(groups: Path,
     write(groups, "bad", cases)
     with pytest.raises(RuntimeError, match=what):
         catalogue()
-    write(groups, "bad", cases)
-    run = run_conformance(RunOptions("emulator:"))
+    run = run_group(groups, "bad", cases)
     assert len(run.trouble) == 1
     assert what in run.trouble[0]
     assert not run.passed
@@ -437,8 +437,7 @@ def test_third(bench: Bench) -> None:
 
 
 def test_a_device_that_is_lost_is_brought_back_if_that_is_allowed(groups: Path) -> None:
-    write(groups, "losing", LOSING)
-    assert list(judged(run_conformance(RunOptions("emulator:"))).values()) == [Verdict.PASS] * 3
+    assert list(judged(run_group(groups, "losing", LOSING)).values()) == [Verdict.PASS] * 3
     run = run_conformance(RunOptions("emulator:", allowed=frozenset()))
     assert list(judged(run).values()) == [Verdict.PASS, Verdict.FAIL, Verdict.INCONCLUSIVE]
     assert "cannot be brought back" in run.results[1].reason
@@ -480,8 +479,7 @@ def test_as_much_as_is_allowed(bench: Bench) -> None:
 
 
 def test_the_drive_is_low_unless_more_is_allowed(groups: Path) -> None:
-    write(groups, "driving", DRIVING)
-    run = run_conformance(RunOptions("emulator:", allowed=frozenset({Risk.RESET})))
+    run = run_group(groups, "driving", DRIVING, allowed=frozenset({Risk.RESET}))
     first, second = run.results
     assert "a case drives 320 transducers; 32 are allowed here" in first.reason
     assert second.verdict is Verdict.PASS
@@ -510,7 +508,7 @@ def test_pytest_that_cannot_begin_is_trouble_of_the_run(
 
 
 def test_a_spare_device_breaks_alone(groups: Path) -> None:
-    write(
+    (result,) = run_group(
         groups,
         "spare",
         '''
@@ -523,8 +521,7 @@ def test_a_spare_device_breaks_alone(groups: Path) -> None:
                 expect("the spare one", other.status().state, State.FAULT)
             expect("the device", bench.status().state, State.OFF)
         ''',
-    )
-    (result,) = run_conformance(RunOptions("emulator:")).results
+    ).results
     assert (result.verdict, result.reason) == (Verdict.PASS, "")
 
 
@@ -633,8 +630,7 @@ def test_the_same_is_drawn(bench: Bench) -> None:
 
 
 def test_a_case_that_fails_is_run_again_and_stays_a_failure(groups: Path) -> None:
-    write(groups, "flaky", FLAKY)
-    run = run_conformance(RunOptions("emulator:", known={"flaky/always": "we know"}))
+    run = run_group(groups, "flaky", FLAKY, known={"flaky/always": "we know"})
     assert [(result.verdict, result.tally, result.reason) for result in run.results] == [
         (Verdict.FAIL, "failed 1 of 2", "the number of tries is 1, should be 2; the other time: pass"),
         (Verdict.FAIL, "failed 2 of 2", "the state is OFF, should be PLAYING"),
@@ -679,8 +675,7 @@ REPEATED = [
 def test_a_second_try_begins_with_a_restart_and_the_report_says_how_to_run_it_again(
     groups: Path, allowed: frozenset[Risk], told: list[tuple[str, bool, str]]
 ) -> None:
-    write(groups, "inherited", INHERITED)
-    run = run_conformance(RunOptions("emulator:", allowed=allowed))
+    run = run_group(groups, "inherited", INHERITED, allowed=allowed)
     failed = run.results[1:]
     assert [(result.tally, result.fresh, result.run_again) for result in failed] == told
     needs = "it did not fail" if allowed else "the device was not restarted"
@@ -690,8 +685,7 @@ def test_a_second_try_begins_with_a_restart_and_the_report_says_how_to_run_it_ag
 
 
 def test_a_case_is_run_once_if_that_is_asked_for(groups: Path) -> None:
-    write(groups, "flaky", FLAKY)
-    run = run_conformance(RunOptions("emulator:", again=False, only=("flaky/now",)))
+    run = run_group(groups, "flaky", FLAKY, again=False, only=("flaky/now",))
     assert [result.tally for result in run.results] == ["failed 1 of 1"]
 
 
@@ -699,7 +693,7 @@ def test_a_missing_acknowledgement_is_reported_with_the_counter_that_moved(
     groups: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("phasewire.hil.conformance.dialogue.ACK_SECONDS", 0.1)
-    write(
+    (result,) = run_group(
         groups,
         "lost",
         '''
@@ -709,8 +703,9 @@ def test_a_missing_acknowledgement_is_reported_with_the_counter_that_moved(
             bench.line.send_blocks = lambda blocks, _: (bench.line.write(b"\\0\\2\\2\\0"), len(blocks))[1]
             bench.must(NoOp())
         ''',
-    )
-    (result,) = run_conformance(RunOptions("emulator:?door=serial", again=False)).results
+        url="emulator:?door=serial",
+        again=False,
+    ).results
     assert re.fullmatch(
         r"block \d+ is not acknowledged within 0.1 s; since the case began dropped_frames rose by 1", result.reason
     ), result.reason
@@ -733,8 +728,7 @@ def test_a_case_that_cannot_be_judged_sends_nothing(groups: Path, monkeypatch: p
 
 
 def test_the_load_of_the_computer_stands_in_the_provenance(groups: Path) -> None:
-    write(groups, "gated", GATED)
-    provenance = run_conformance(RunOptions("emulator:")).provenance
+    provenance = run_group(groups, "gated", GATED).provenance
     assert provenance.cores == os.cpu_count()
     assert provenance.load is not None
     assert all(load >= 0 for load in provenance.load)
