@@ -17,17 +17,19 @@ from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed, dfu_mo
 
 from tests.strategies import update
 
-Plain = tuple[Emulator, usb.core.Device]
-
 
 def found(emulator: Emulator) -> usb.core.Device:
     return usb.core.find(backend=EmulatorBackend([emulator]))
 
 
 @pytest.fixture
-def plain() -> Plain:
-    emulator = Emulator()
-    return emulator, found(emulator)
+def emulator() -> Emulator:
+    return Emulator()
+
+
+@pytest.fixture
+def device(emulator: Emulator) -> usb.core.Device:
+    return found(emulator)
 
 
 def fails(number: int, action: Callable[[], object]) -> bool:
@@ -40,8 +42,7 @@ def fails(number: int, action: Callable[[], object]) -> bool:
 # Transfers
 
 
-def test_reading_when_nothing_comes_times_out_in_the_device_s_time(plain: Plain) -> None:
-    emulator, device = plain
+def test_reading_when_nothing_comes_times_out_in_the_device_s_time(emulator: Emulator, device: usb.core.Device) -> None:
     device.set_configuration()
     before = emulator.scheduler.now
     with pytest.raises(usb.core.USBTimeoutError) as timed_out:
@@ -78,8 +79,7 @@ def test_a_time_out_holds_for_the_whole_transfer() -> None:
     assert device.write(0x01, bytes(512 * 40), timeout=10) == pytest.approx(190 * 64, abs=64)
 
 
-def test_a_time_out_of_0_waits_without_limit(plain: Plain) -> None:
-    emulator, device = plain
+def test_a_time_out_of_0_waits_without_limit(emulator: Emulator, device: usb.core.Device) -> None:
     device.set_configuration()
 
     def acknowledge() -> None:
@@ -89,22 +89,19 @@ def test_a_time_out_of_0_waits_without_limit(plain: Plain) -> None:
     assert len(device.read(0x81, 512, timeout=0)) == 32
 
 
-def test_a_read_of_the_notifications_times_out(plain: Plain) -> None:
-    _, device = plain
+def test_a_read_of_the_notifications_times_out(device: usb.core.Device) -> None:
     device.set_configuration()
     assert fails(errno.ETIMEDOUT, partial(device.read, 0x82, 16, timeout=40))
 
 
-def test_too_small_a_buffer_overflows(plain: Plain) -> None:
-    _, device = plain
+def test_too_small_a_buffer_overflows(device: usb.core.Device) -> None:
     device.set_configuration()
     device.write(0x01, bytes(512))
     assert fails(errno.EOVERFLOW, partial(device.read, 0x81, 16))
 
 
-def test_a_time_out_comes_before_later_events(plain: Plain) -> None:
+def test_a_time_out_comes_before_later_events(emulator: Emulator, device: usb.core.Device) -> None:
     """The watchdog's event, 100 ms ahead, does not extend this transfer's time-out."""
-    emulator, device = plain
     device.set_configuration()
     device.ctrl_transfer(0x41, 4, 0, 0, None)
     before = emulator.scheduler.now
@@ -113,9 +110,8 @@ def test_a_time_out_comes_before_later_events(plain: Plain) -> None:
     assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(20e-3)
 
 
-def test_a_long_write_that_times_out_says_how_much_was_taken(plain: Plain) -> None:
+def test_a_long_write_that_times_out_says_how_much_was_taken(device: usb.core.Device) -> None:
     """As pyusb does over libusb; the queue takes no more than it holds."""
-    _, device = plain
     device.set_configuration()
     device.ctrl_transfer(0x41, 4, 0, 0, None)
     blocks = b"".join(update(Pulses.silent(320), n, period=10**6) for n in range(QUEUE_BLOCKS + 2))
@@ -127,8 +123,7 @@ def test_a_long_write_that_times_out_says_how_much_was_taken(plain: Plain) -> No
 # Claims
 
 
-def test_an_interface_is_held_by_one_handle(plain: Plain) -> None:
-    emulator, device = plain
+def test_an_interface_is_held_by_one_handle(emulator: Emulator, device: usb.core.Device) -> None:
     device.set_configuration()
     other = found(emulator)
     usb.util.claim_interface(device, 0)
@@ -149,9 +144,8 @@ def test_an_interface_is_held_by_one_handle(plain: Plain) -> None:
     usb.util.claim_interface(device, 2)
 
 
-def test_a_held_interface_prevents_set_configuration(plain: Plain) -> None:
+def test_a_held_interface_prevents_set_configuration(emulator: Emulator, device: usb.core.Device) -> None:
     """Linux refuses it even to the program that holds the interface."""
-    emulator, device = plain
     device.set_configuration()
     usb.util.claim_interface(device, 3)
     assert fails(errno.EBUSY, device.set_configuration)
@@ -160,8 +154,7 @@ def test_a_held_interface_prevents_set_configuration(plain: Plain) -> None:
     device.set_configuration()
 
 
-def test_what_is_not_there_is_not_found(plain: Plain) -> None:
-    emulator, device = plain
+def test_what_is_not_there_is_not_found(emulator: Emulator, device: usb.core.Device) -> None:
     assert fails(errno.ENOENT, partial(usb.util.claim_interface, device, 0))  # not configured
     device.set_configuration()
     assert fails(errno.ENOENT, partial(usb.util.claim_interface, device, 4))
@@ -170,8 +163,7 @@ def test_what_is_not_there_is_not_found(plain: Plain) -> None:
     assert fails(errno.ENOENT, partial(bus.release_interface, handle, 0))
 
 
-def test_a_setting_is_chosen(plain: Plain) -> None:
-    emulator, device = plain
+def test_a_setting_is_chosen(emulator: Emulator, device: usb.core.Device) -> None:
     device.set_configuration()
     device.write(0x01, bytes(512))
     device.set_interface_altsetting(0, 0)
@@ -194,8 +186,7 @@ def test_an_unplugged_device_is_gone() -> None:
     assert fails(errno.ENODEV, device.set_configuration)
 
 
-def test_a_device_that_comes_back_is_another_one(plain: Plain) -> None:
-    emulator, device = plain
+def test_a_device_that_comes_back_is_another_one(emulator: Emulator, device: usb.core.Device) -> None:
     device.set_configuration()
     usb.util.claim_interface(device, 0)
     emulator.usb.unplug()
@@ -209,9 +200,10 @@ def test_a_device_that_comes_back_is_another_one(plain: Plain) -> None:
     assert again.write(0x01, bytes(512)) == 512
 
 
-def test_a_device_that_comes_back_is_reset_when_a_program_looks_for_it(plain: Plain) -> None:
+def test_a_device_that_comes_back_is_reset_when_a_program_looks_for_it(
+    emulator: Emulator, device: usb.core.Device
+) -> None:
     """Clause USB-020: a program that opens it again finds it reset."""
-    emulator, device = plain
     device.set_configuration()
     resets: list[int] = []
     with pytest.MonkeyPatch.context() as patch:
@@ -225,9 +217,8 @@ def test_a_device_that_comes_back_is_reset_when_a_program_looks_for_it(plain: Pl
     assert resets == [2]
 
 
-def test_a_program_that_waits_for_a_device_sees_it_come(plain: Plain) -> None:
+def test_a_program_that_waits_for_a_device_sees_it_come(emulator: Emulator, device: usb.core.Device) -> None:
     """As after a restart: the device comes only if time passes while the program waits."""
-    emulator, device = plain
     device.set_configuration()
     before = emulator.scheduler.now
     assert found(emulator) is not None
@@ -238,17 +229,15 @@ def test_a_program_that_waits_for_a_device_sees_it_come(plain: Plain) -> None:
     assert looks == [False, False, False, True]
 
 
-def test_a_device_that_goes_while_a_transfer_waits_is_gone(plain: Plain) -> None:
-    emulator, device = plain
+def test_a_device_that_goes_while_a_transfer_waits_is_gone(emulator: Emulator, device: usb.core.Device) -> None:
     device.set_configuration()
     emulator.scheduler.at(emulator.scheduler.now + 400_000, emulator.usb.unplug)
     assert fails(errno.ENODEV, partial(device.read, 0x81, 512, timeout=1000))
     assert emulator.scheduler.now < 10 * 400_000
 
 
-def test_a_suspended_bus_carries_nothing(plain: Plain) -> None:
+def test_a_suspended_bus_carries_nothing(emulator: Emulator, device: usb.core.Device) -> None:
     """Linux submits nothing to a device that is suspended (EHOSTUNREACH); libusb calls that an I/O error."""
-    emulator, device = plain
     device.set_configuration()
     emulator.usb.suspend()
     assert fails(errno.EIO, partial(device.write, 0x01, bytes(512)))
@@ -260,23 +249,20 @@ def test_a_suspended_bus_carries_nothing(plain: Plain) -> None:
     assert device.write(0x01, bytes(512)) == 512
 
 
-def test_a_reset_leaves_an_unconfigured_device_unconfigured(plain: Plain) -> None:
-    emulator, device = plain
+def test_a_reset_leaves_an_unconfigured_device_unconfigured(emulator: Emulator, device: usb.core.Device) -> None:
     device.reset()
     assert emulator.usb.configuration == 0
 
 
-def test_a_device_that_leaves_on_a_reset_is_not_found(plain: Plain) -> None:
+def test_a_device_that_leaves_on_a_reset_is_not_found(emulator: Emulator, device: usb.core.Device) -> None:
     """The error of libusb for a device that has to be found again."""
-    emulator, device = plain
     device.set_configuration()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(emulator.usb, "reset", emulator.usb.disconnect)
         assert fails(errno.ENOENT, device.reset)
 
 
-def test_pyusb_keeps_the_descriptors_that_it_found(plain: Plain) -> None:
-    emulator, device = plain
+def test_pyusb_keeps_the_descriptors_that_it_found(emulator: Emulator, device: usb.core.Device) -> None:
     emulator.usb.enumeration = dfu_mode((1, 0, 0), "array", "S-1")
     assert [interface.bInterfaceNumber for interface in device[0]] == [0, 1, 2, 3]
     assert [interface.bInterfaceNumber for interface in found(emulator)[0]] == [0]

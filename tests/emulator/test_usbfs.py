@@ -9,7 +9,8 @@ from functools import partial
 import pytest
 from phasewire import Emulator
 from phasewire.emulator.door import Handshake, Stall
-from phasewire.emulator.doors.usbfs import Ioctl, KernelDevice
+from phasewire.emulator.doors.usbdevice_fs import Ioctl
+from phasewire.emulator.doors.usbfs import KernelDevice
 from phasewire.protocol.enumeration import FULL_SPEED
 
 MS = 400_000  # core cycles
