@@ -5,8 +5,9 @@ They run while somebody types: no function here may be slow, write anything, or 
 
 from __future__ import annotations
 
+from ..base.plugins import entries
 from ..host.finding.discovery import search
-from ..host.transports.opening import SCHEMES, entries
+from ..host.transports.opening import SCHEMES
 
 __all__ = ["device_urls", "hand_urls"]
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import shlex
 import warnings
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..host.streaming.calibration import Calibration
-from ..host.streaming.device import open_device
-from ..host.streaming.group import AnyDevice, open_devices
-from ..host.streaming.rig import read_rig
 from ..host.transports.opening import RIG, URL_VARIABLE, is_fresh
 from .completion import device_urls
 from .console import error_console
+
+if TYPE_CHECKING:  # the functions that use streaming load it: flash, conformance and others do without
+    from ..host.streaming.calibration import Calibration
+    from ..host.streaming.group import AnyDevice
 
 __all__ = [
     "MOST_SECONDS",
@@ -74,6 +74,8 @@ ForeverOption = Annotated[bool, typer.Option("--forever", help="Play until Ctrl-
 
 def load_calibration(path: Path | None) -> Calibration | None:
     """The calibration in a file, None without one."""
+    from ..host.streaming.calibration import Calibration
+
     return None if path is None else Calibration.load(path)
 
 
@@ -92,6 +94,10 @@ def open_any(url: str, calibration: Path | None) -> AnyDevice:
     InputFileError, DeviceError
         As `read_rig`, `open_devices` and `open_device`.
     """
+    from ..host.streaming.device import open_device
+    from ..host.streaming.group import open_devices
+    from ..host.streaming.rig import read_rig
+
     path = rig_file(url)
     if path is None:
         return open_device(url, calibration=load_calibration(calibration))

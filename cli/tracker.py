@@ -9,13 +9,13 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from ..base.plugins import entries
 from ..base.storage import check_outputs
 from ..host.finding.tracker_checks import TRACKER_CHECKS, Watched, examine_tracker, watch
 from ..host.hands.placing import PlacedHands
 from ..host.hands.pose import Pose
 from ..host.hands.recording import HandRecorder
 from ..host.hands.sources import SCHEMES, files_of, open_hands, schemes
-from ..host.transports.opening import entries
 from .completion import hand_urls
 from .console import JsonOption, console_for, print_list, write_json
 from .telling import as_record, count, failed, tell

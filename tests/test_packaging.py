@@ -43,7 +43,7 @@ def test_the_sdist_and_its_wheel_are_whole_and_the_package_runs_without_the_repo
     sources |= {f"phasewire/{file.relative_to(ROOT)}" for room in ROOMS for file in (ROOT / room).rglob("*.py")}
     data = {"py.typed", "protocol/SPEC.md", "protocol/vectors.json", "host/finding/60-phasewire.rules"}
     data |= {"hil/conformance/guest/init.sh", "hil/conformance/guest/begin.sh"}
-    data |= {"__init__.pyi", "hil/__init__.pyi", "host/__init__.pyi"}
+    data |= {"__init__.pyi", "hil/__init__.pyi", "host/__init__.pyi", "host/hands/__init__.pyi"}
     data |= {f"view/page/{name}" for name in ("index.html", "page.css", "page.js", "scene.js")}
     data |= {f"{room}/__init__.pyi" for room in ("feel", "solver", "view")}
     programs = (ROOT / "firmware").rglob("*.*")

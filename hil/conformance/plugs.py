@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from ...base.plugins import load_by_scheme
 from ...emulator import Emulator
 from ...emulator.machine import open_emulator
-from ...host.transports.opening import entries
 
 __all__ = ["named_emulator", "opener"]
 
@@ -21,17 +21,14 @@ def opener(group: str, own: Mapping[str, Callable[..., Any]], text: str) -> tupl
     The schemes are this package's own, and the names of a group of entry points. Raises `ValueError` if the scheme is
     unknown, and names the known ones; or if it cannot be loaded.
     """
-    scheme, colon, rest = text.partition(":")
-    there = entries(group)
-    if not colon or scheme not in own | there.keys():
-        known = ", ".join(f"{name}:" for name in sorted({*own, *there}))
-        raise ValueError(f"{text!r} is not known in {group}; it should begin with one of {known}")
-    if scheme in own:
-        return own[scheme], rest
-    try:
-        return there[scheme].load(), rest
-    except Exception as error:  # another package may raise whatever it likes
-        raise ValueError(f"{text!r}: {there[scheme].value}, which should open it, cannot be loaded: {error}") from error
+    opens = load_by_scheme(
+        group,
+        text,
+        lambda known: f"{text!r} is not known in {group}; it should begin with one of {known}",
+        ValueError,
+        own,
+    )
+    return opens, text.partition(":")[2]
 
 
 def named_emulator(serial: str) -> Emulator:

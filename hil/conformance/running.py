@@ -19,13 +19,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 from ...base.errors import DeviceNotFoundError
+from ...base.plugins import entries
 from ...base.signals import SIGNALLED
 from ...emulator import Emulator
 from ...emulator.doors.address import EmulatorUrl
 from ...emulator.firmware.flash import Flash
 from ...emulator.firmware.loader import DeviceIdentity, make_flash
 from ...emulator.machine import FirmwareChoice, open_emulator
-from ...host.transports.opening import SCHEMES, entries, load_by_scheme
+from ...host.transports.opening import SCHEMES, load_by_scheme
 from ...host.transports.serial_line import PORTS
 from ...host.transports.usb_find import BACKENDS
 from ...protocol.codes import PROTOCOL_REVISION, PROTOCOL_VERSION, Target

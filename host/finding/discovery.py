@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from ...base.errors import DeviceNotFoundError
-from ..transports.opening import SCHEMES, entries
+from ...base.plugins import entries
+from ..transports.opening import SCHEMES
 from ..transports.transport import Found, Scheme
 
 __all__ = ["Search", "search"]

@@ -21,8 +21,9 @@ from ...base.errors import (
     DeviceTimeoutError,
     DeviceVersionError,
 )
+from ...base.plugins import entries
 from ..streaming.device import Device, open_device
-from ..transports.opening import MEANT, entries
+from ..transports.opening import MEANT
 from ..transports.usb_find import BACKENDS, RUN_TIME, Sighting, UsbFinder
 from .computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer
 from .device_checks import DEVICE_CHECKS, QUIET_CHECKS, as_found

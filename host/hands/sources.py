@@ -18,7 +18,8 @@ from typing import Any, Protocol, Self
 from urllib.parse import parse_qsl, unquote
 
 from ...base.errors import TrackerError, TrackerNotFoundError
-from ..transports.opening import entries, load_by_scheme
+from ...base.plugins import entries
+from ..transports.opening import load_by_scheme
 from ..transports.transport import Timekeeper
 from .frames import HandFrame
 

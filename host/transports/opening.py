@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import os
 import re
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
+from ...base import plugins
 from ...base.errors import DeviceNotFoundError, DeviceUrlError, PhasewireError
 from .tracing import traced
 from .transport import Scheme, Transport
@@ -23,7 +22,6 @@ __all__ = [
     "SCHEMES",
     "URL_VARIABLE",
     "default_url",
-    "entries",
     "is_fresh",
     "load_by_scheme",
     "open_transport",
@@ -59,27 +57,10 @@ def refuse_rig(url: str) -> None:
         )
 
 
-@cache
-def entries(group: str) -> dict[str, EntryPoint]:
-    """The entry points of a group by their names; they are looked for once, for that takes milliseconds."""
-    return {entry.name: entry for entry in entry_points(group=group)}
-
-
 def load_by_scheme(
     group: str, url: str, what: str = "device", missing: type[PhasewireError] = DeviceNotFoundError
 ) -> Any:
-    """Load the entry point of a group that is named as the URL's scheme.
-
-    Parameters
-    ----------
-    group : str
-        Of entry points.
-    url : str
-        That begins with the scheme.
-    what : str
-        What such URLs name, for the error.
-    missing : type
-        Of that error.
+    """Load the entry point of a group that is named as the scheme of a URL, which names a ``what``.
 
     Raises
     ------
@@ -89,15 +70,12 @@ def load_by_scheme(
         If there is none, and the known ones are named; or if it cannot be loaded.
     """
     refuse_rig(url)
-    scheme, colon, _ = url.partition(":")
-    found = entries(group)
-    if not colon or scheme not in found:
-        known = ", ".join(f"{name}:" for name in sorted(found))
-        raise missing(f"no {what} at {url!r}: the URL of a {what} begins with one of {known}{_meant(url)}")
-    try:
-        return found[scheme].load()
-    except Exception as error:  # it may be another package's, and raise whatever it likes
-        raise missing(f"{url!r}: {found[scheme].value}, which is to open it, cannot be loaded: {error}") from error
+    return plugins.load_by_scheme(
+        group,
+        url,
+        lambda known: f"no {what} at {url!r}: the URL of a {what} begins with one of {known}{_meant(url)}",
+        missing,
+    )
 
 
 def _meant(url: str) -> str:

@@ -6,11 +6,12 @@ import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...base.plugins import entries, load
 from .options import Options, Output, Phases
 from .reference import Complex, Real, Regularised, augmented, correct, limit_drive, min_norm, multiplex, polish
 
@@ -196,19 +197,15 @@ class Methods(Mapping[str, Method]):
 
     @cached_property
     def _others(self) -> dict[str, EntryPoint]:
-        return {entry.name: entry for entry in entry_points(group=GROUP) if entry.name not in _OWN}
+        return {name: entry for name, entry in entries(GROUP).items() if name not in _OWN}
 
     def __getitem__(self, name: str) -> Method:
         if name not in self._loaded:
             entry = self._others[name]
-            try:
-                method = entry.load()
-            except Exception as error:  # whatever another package raises must not break the help
-                raise ValueError(
-                    f"method {name!r} of the entry point {entry.value!r} cannot be loaded: {error}"
-                ) from error
+            what = f"method {name!r} of the entry point {entry.value!r}"
+            method = load(entry, what, ValueError)
             if not isinstance(method, Method):
-                raise ValueError(f"method {name!r} of the entry point {entry.value!r} must be a Method, not {method!r}")
+                raise ValueError(f"{what} must be a Method, not {method!r}")
             self._loaded[name] = method
         return self._loaded[name]
 

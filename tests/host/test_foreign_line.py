@@ -10,7 +10,8 @@ from typing import Any, cast
 
 import pytest
 from phasewire import Emulator, open_device
-from phasewire.host.transports.opening import SCHEMES, entries, open_untraced
+from phasewire.base.plugins import entries
+from phasewire.host.transports.opening import SCHEMES, open_untraced
 from phasewire.host.transports.tracing import TRAFFIC
 from phasewire.host.transports.transport import Transport
 
@@ -39,7 +40,7 @@ class WrapperScheme:
 @pytest.fixture(scope="class")
 def url() -> Iterator[str]:
     with pytest.MonkeyPatch.context() as patch, Emulator() as emulator:
-        patch.setitem(entries(SCHEMES), "wrapped", cast("EntryPoint", SimpleNamespace(load=WrapperScheme)))
+        patch.setitem(entries(SCHEMES), "wrapped", cast("EntryPoint", SimpleNamespace(value="", load=WrapperScheme)))
         yield f"wrapped:{emulator.url}"
 
 

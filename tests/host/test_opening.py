@@ -4,8 +4,8 @@ from importlib.metadata import EntryPoint, entry_points
 
 import pytest
 from phasewire import Emulator, open_device
+from phasewire.base import plugins
 from phasewire.base.errors import DeviceNotFoundError
-from phasewire.host.transports import opening
 from phasewire.host.transports.opening import default_url, load_by_scheme
 
 
@@ -20,7 +20,7 @@ def test_an_unknown_url_names_the_known_ones(url: str) -> None:
 
 def test_what_another_package_cannot_load_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     theirs = EntryPoint("theirs", "no_such_package:SCHEME", "phasewire.transports")
-    monkeypatch.setattr(opening, "entries", lambda group: {"theirs": theirs})
+    monkeypatch.setattr(plugins, "entries", lambda group: {"theirs": theirs})
     with pytest.raises(
         DeviceNotFoundError, match=r"'theirs:1': no_such_package:SCHEME, .* cannot be loaded: No module named 'no_such"
     ):

@@ -18,11 +18,12 @@ import pytest
 from numpy.typing import NDArray
 from phasewire import Emulator
 from phasewire.base.errors import DeviceNotFoundError
+from phasewire.base.plugins import entries
 from phasewire.hil.conformance import Run, Verdict
 from phasewire.hil.conformance.cases import Need, Risk
 from phasewire.hil.conformance.levers import GROUP, Levers, open_levers
 from phasewire.hil.conformance.running import RunOptions, run_conformance
-from phasewire.host.transports.opening import SCHEMES, entries
+from phasewire.host.transports.opening import SCHEMES
 
 from tests.host.serving import Served
 
@@ -183,7 +184,7 @@ def test_a_device_that_a_lever_left_without_power_is_not_to_blame(monkeypatch: p
         def power_up(self) -> None:
             raise ConnectionError("the supply is gone")
 
-    monkeypatch.setitem(entries(GROUP), "broken", cast("EntryPoint", SimpleNamespace(load=lambda: Broken)))
+    monkeypatch.setitem(entries(GROUP), "broken", cast("EntryPoint", SimpleNamespace(value="", load=lambda: Broken)))
     with Emulator() as emulator:
         run = run_conformance(RunOptions(emulator.url, "none", ("broken:",), RESET, only=POWER, groups=GROUPS))
     assert {result.verdict for result in run.results} == {Verdict.INCONCLUSIVE}

@@ -7,11 +7,11 @@ from itertools import count
 from threading import Thread
 
 import pytest
+from phasewire.base import plugins
 from phasewire.base.errors import TrackerError, TrackerLostError, TrackerNotFoundError
 from phasewire.cli.commands import exit_code
 from phasewire.host.hands import HandFrame, HandSource, open_hands
 from phasewire.host.hands.sources import MOST_WAITING, LiveHands, PlayedHands, read_options
-from phasewire.host.transports import opening
 
 from tests.host.hands.clocks import Clock
 
@@ -44,7 +44,7 @@ def test_sources_are_found_by_entry_point_and_get_the_rest_of_the_url_and_the_cl
 ) -> None:
     assert {entry.name for entry in entry_points(group="phasewire.hands")} >= {"recording", "gesture", "leap", "video"}
     theirs = EntryPoint("theirs", f"{__name__}:THEIRS", "phasewire.hands")
-    monkeypatch.setattr(opening, "entries", lambda group: {"theirs": theirs})
+    monkeypatch.setattr(plugins, "entries", lambda group: {"theirs": theirs})
     monkeypatch.setattr(EntryPoint, "load", lambda entry: Theirs())
     clock = Clock()
     source = open_hands("theirs:a:b?c=1", clock)
@@ -63,7 +63,7 @@ class Theirs:
 
 def test_what_another_package_cannot_load_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     theirs = EntryPoint("theirs", "no_such_package:SCHEME", "phasewire.hands")
-    monkeypatch.setattr(opening, "entries", lambda group: {"theirs": theirs})
+    monkeypatch.setattr(plugins, "entries", lambda group: {"theirs": theirs})
     with pytest.raises(TrackerNotFoundError, match="cannot be loaded: No module named 'no_such"):
         open_hands("theirs:1")
 

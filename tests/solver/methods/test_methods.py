@@ -46,8 +46,8 @@ def known(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Methods:
         "sharp": "unknown_option:FOUND",
         "broken": "raises:FOUND",
     }
-    entries = [EntryPoint(name, value, GROUP) for name, value in there.items()]
-    monkeypatch.setattr(methods, "entry_points", lambda group: [entry for entry in entries if entry.group == group])
+    entries = {GROUP: {name: EntryPoint(name, value, GROUP) for name, value in there.items()}}
+    monkeypatch.setattr(methods, "entries", entries.__getitem__)
     found = Methods()
     for module in ("solver.methods.methods", "solver.methods.reference_engine", "solver.methods.solve", "cli.solving"):
         monkeypatch.setattr(f"phasewire.{module}.METHODS", found)
