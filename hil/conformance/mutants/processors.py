@@ -116,7 +116,8 @@ def judge_processors(names: Sequence[str]) -> int:
     if find_clang() is None:
         sys.stdout.write("no clang with the target xcore: only bugs in assembly are judged\n")
         known = [mutant for mutant in known if not needs_clang(mutant)]
-    cases = sorted({case for mutant in known if not names or mutant.name in names for case in mutant.only})
+    chosen = [mutant for mutant in known if not names or mutant.name in names]
+    cases = sorted({case for mutant in chosen for case in ([mutant.case] if mutant.case else mutant.only)})
     with ThreadPoolExecutor(WORKERS) as pool:
         unbroken = list(pool.map(_judge, [UNBROKEN._replace(only=(case,)) for case in cases]))
     wrong = [outcome.words for outcome in unbroken if not outcome.right]
