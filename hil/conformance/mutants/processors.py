@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from functools import partial
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -27,7 +27,7 @@ from ....protocol.firmware import Image, Segment
 from ....protocol.firmware import build as build_file
 from ....protocol.versions import Version
 from ..running import RunOptions
-from .texts import TextMutant, TextOutcome, judge_all, read_text_mutants, run_cases
+from .texts import WORKERS, TextMutant, TextOutcome, judge_all, read_text_mutants, run_cases
 
 __all__ = ["broken_image", "broken_sources", "judge_processors", "known_mutants", "needs_clang"]
 
@@ -93,22 +93,21 @@ def broken_image(sources: Sequence[AssemblySource]) -> Image:
     return Image(Version(*build.FIRST_VERSION), segments)
 
 
-def _judge(root: Path, mutant: TextMutant) -> TextOutcome:
-    """Build it in a folder of its own, and run its cases; those of the unbroken program must pass."""
-    folder = root / mutant.name
-    folder.mkdir()
-    try:
-        sources = broken_sources(mutant, folder)
-    except ValueError as error:
-        return TextOutcome(False, str(error))
-    try:
-        image = broken_image(sources)
-    except (build.BuildError, InputFileError) as error:
-        return TextOutcome(not mutant.only, f"the build: {error}")
-    file = folder / "image.dfu"
-    file.write_bytes(build_file(image))
-    unbroken = mutant.name == UNBROKEN.name
-    return run_cases(RunOptions(f"emulator:?firmware={file}"), mutant, passes=unbroken, warm=WARM)
+def _judge(mutant: TextMutant) -> TextOutcome:
+    """Build it, and run its cases; those of the unbroken program must pass."""
+    with TemporaryDirectory() as folder:
+        try:
+            sources = broken_sources(mutant, Path(folder))
+        except ValueError as error:
+            return TextOutcome(False, str(error))
+        try:
+            image = broken_image(sources)
+        except (build.BuildError, InputFileError) as error:
+            return TextOutcome(not mutant.only, f"the build: {error}")
+        file = Path(folder) / "image.dfu"
+        file.write_bytes(build_file(image))
+        unbroken = mutant.name == UNBROKEN.name
+        return run_cases(RunOptions(f"emulator:?firmware={file}"), mutant, passes=unbroken, warm=WARM)
 
 
 def judge_processors(names: Sequence[str]) -> int:
@@ -118,13 +117,13 @@ def judge_processors(names: Sequence[str]) -> int:
         sys.stdout.write("no clang with the target xcore: only bugs in assembly are judged\n")
         known = [mutant for mutant in known if not needs_clang(mutant)]
     chosen = [mutant for mutant in known if not names or mutant.name in names]
-    cases = sorted({case for mutant in chosen for case in mutant.only})
-    with TemporaryDirectory() as folder:
-        judge = partial(_judge, Path(folder))
-        passed = judge(UNBROKEN._replace(only=tuple(cases)))
-        sys.stdout.write(f"unbroken: {passed.words}\n")
-        sys.stdout.flush()
-        return max(0 if passed.right else 1, judge_all(names, known, judge))
+    cases = sorted({case for mutant in chosen for case in ([mutant.case] if mutant.case else mutant.only)})
+    with ThreadPoolExecutor(WORKERS) as pool:
+        unbroken = list(pool.map(_judge, [UNBROKEN._replace(only=(case,)) for case in cases]))
+    wrong = [outcome.words for outcome in unbroken if not outcome.right]
+    sys.stdout.write(f"unbroken: {', '.join(wrong) or 'PASS'}\n")
+    sys.stdout.flush()
+    return max(1 if wrong else 0, judge_all(names, known, _judge))
 
 
 if __name__ == "__main__":

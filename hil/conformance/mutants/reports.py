@@ -97,6 +97,7 @@ def markdown(results: Sequence[MutantResult]) -> str:
         f"{_verdict(results)}. Cases that show a mutant's clauses and those of its group are",
         "tried first, and others only if none of these has caught it; *alone* marks the only one of these that has.",
         "`phasewire conformance --mutants --table FILE` writes this file, `--mutant NAME` shows the report of one.",
+        "The next run begins with the cases that this file names: without the file it searches anew.",
     ]
     for group, members in _by_group(results).items():
         lines += ["", f"## {group}", "", "| mutant | what it does wrong | clauses | caught by |", "|---|---|---|---|"]

@@ -38,7 +38,7 @@ ENOUGH = 2
 DOCUMENT = Path(__file__).parents[3] / "docs" / "reference" / "mutants.md"
 ROW = re.compile(r"^\| `([^`]+)` \|.*\|([^|]*)\|$", re.MULTILINE)
 CASE = re.compile(r"`([^`]+)`")
-CRASH = re.compile(r"the suite did not expect this: (AttributeError|NameError|TypeError)\b")
+CRASH = re.compile(r"the suite did not expect this: (AttributeError|IndexError|NameError|TypeError)\b")
 """What cases say of a mutant that is broken in another way than it says: it names what the emulator does not have."""
 
 

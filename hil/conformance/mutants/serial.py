@@ -133,7 +133,8 @@ class _AnyLength(_Forgiving):
     def pardon(self, data: bytes) -> bytes:
         content = bytearray(cobs.decode(data[:-1]))[:-CHECKSUM_BYTES]
         stated = cobs.decode(data[:-1])[-CHECKSUM_BYTES:]
-        if content[0] != FrameKind.REQUEST or zlib.crc32(content).to_bytes(CHECKSUM_BYTES, "little") != stated:
+        is_request = len(content) >= REQUEST_HEAD_BYTES and content[0] == FrameKind.REQUEST
+        if not is_request or zlib.crc32(content).to_bytes(CHECKSUM_BYTES, "little") != stated:
             raise FrameError("it is damaged in another way")
         content[LENGTH_AT] = SERIAL_DATA_BYTES.to_bytes(2, "little")
         return _sealed(bytes(content[: REQUEST_HEAD_BYTES + SERIAL_DATA_BYTES]))

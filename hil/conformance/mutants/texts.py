@@ -135,7 +135,7 @@ def run_cases(
     searches.append(last._replace(options=replace(last.options, enough=None if passes else 1), least=0))
     found = Attempt(judge_cases, searches, environment or {}, most=JUDGE_SECONDS, warm=warm).finding()
     right = found.fate is Fate.SURVIVED if passes else found.fate.is_catch
-    return TextOutcome(right, ", ".join(found.cases) or found.why or "all passed")
+    return TextOutcome(right, ", ".join(found.cases) or found.why or "PASS")
 
 
 def judge_all(

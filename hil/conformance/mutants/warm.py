@@ -6,10 +6,9 @@ import gc
 
 from ....emulator.doors.warming import load_kernels
 from ..running import RunOptions, catalogue, run_conformance
-from . import running
 from .catalogue import MUTANTS
 
-__all__ = ["CASES", "MUTANTS", "running"]
+__all__ = ["CASES", "MUTANTS"]
 
 CASES = frozenset(case.identifier for case in catalogue())
 EACH_KERNEL = (

@@ -439,16 +439,11 @@ def watchdog_forgets_its_time_when_it_fires(original: Any, self: Any) -> None:
 
 
 @mutant("DFU-009", by=partial(handle, request=DOWNLOAD))
-def block_numbers_have_8_bits(original: Any) -> Any:
+def block_numbers_have_8_bits(original: Any, self: Any, setup: Any, data: bytes) -> Any:
     """Block 256 of a download is refused: after block 255 the device expects block 0."""
-
-    def download(self: Any, setup: Any, data: bytes) -> bytes:
-        if setup.value >= BYTE and data:
-            self._refuse(DfuStatus.ADDRESS)
-        result: bytes = original(self, setup, data)
-        return result
-
-    return download
+    if setup.value >= BYTE and data:
+        self._refuse(DfuStatus.ADDRESS)
+    return original(self, setup, data)
 
 
 @mutant("DFU-009", "DFU-011")
@@ -458,15 +453,11 @@ def block_256_is_written_over_block_0(patch: Patch) -> None:
 
 
 @mutant("DFU-014", by=partial(handle, request=UPLOAD))
-def block_256_of_an_upload_is_block_0(original: Any) -> Any:
+def block_256_of_an_upload_is_block_0(original: Any, self: Any, setup: Any, data: bytes) -> Any:
     """Block 256 of an upload holds the bytes of block 0: the address follows from the low 8 bits of its number."""
-
-    def upload(self: Any, setup: Any, data: bytes) -> bytes:
-        block: bytes = original(self, setup, data)
-        at = setup.value % BYTE * DFU_TRANSFER_BYTES
-        return self._upload[at : at + len(block)] if setup.value >= BYTE else block
-
-    return upload
+    block = original(self, setup, data)
+    at = setup.value % BYTE * DFU_TRANSFER_BYTES
+    return self._upload[at : at + len(block)] if setup.value >= BYTE else block
 
 
 def _count_generations(patch: Patch, following: Callable[[int], int]) -> None:

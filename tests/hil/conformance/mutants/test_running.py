@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from phasewire.hil.conformance.cases import Case
 from phasewire.hil.conformance.mutants.catalogue import MUTANTS
-from phasewire.hil.conformance.mutants.running import Fate, MutantWatcher, judged, run_mutants
+from phasewire.hil.conformance.mutants.running import CRASH, Fate, MutantWatcher, judged, recorded, run_mutants
+from phasewire.hil.conformance.plugin import verdict_of
 
 
 def a_run(*broken: str, trouble: Sequence[str] = ()) -> str:
@@ -38,6 +40,26 @@ def test_only_a_case_that_breaks_in_a_run_that_comes_to_its_end_is_a_catch(
     assert fate.is_catch == (fate in (Fate.ONE_CASE, Fate.CAUGHT))
     if code != 0:
         assert "at last" in found.why
+
+
+@pytest.mark.parametrize(
+    ("error", "crash"),
+    [
+        (TypeError("it takes 1 argument but 4 were given"), True),
+        (AttributeError("it has no such attribute"), True),
+        (AssertionError("TypeError is no word of the answer"), False),
+        (ValueError("the answer cannot be read"), False),
+    ],
+)
+def test_a_mutant_that_names_what_the_emulator_lacks_is_told_from_one_that_breaks_a_case(
+    error: Exception, crash: bool
+) -> None:
+    _, reason = verdict_of(error, Case(("SAF-001",), "A sentence."))
+    assert bool(CRASH.search(reason)) == crash
+
+
+def test_the_document_says_for_each_mutant_what_caught_it() -> None:
+    assert {name: 1 <= len(cases) <= 2 for name, cases in recorded().items()} == dict.fromkeys(MUTANTS, True)
 
 
 @pytest.mark.slow
