@@ -161,7 +161,7 @@ class Live:
     Parameters
     ----------
     method : str
-        Of the solver.
+        Method of the solver.
     wait : callable
         Lets so many seconds pass by the wall clock.
     frames : int

@@ -37,7 +37,7 @@ class Task:
     plane : (rows, columns, 3) float
         Points of the field to compute.
     wavelength, frequency, radius, strength : float
-        Of the sound, in m and Hz, and of a transducer's piston, in m and Pa·m (peak).
+        Wavelength and frequency of the sound, m and Hz; radius and strength of a piston, m and Pa·m (peak).
     budget : float
         Seconds to spend on timing one case.
     """

@@ -28,14 +28,14 @@ class Scene(Set):
     Parameters
     ----------
     height, side : float
-        Of the focus and the square, in metres.
+        Height of the focus and side of the square, m.
     points : int
-        Along each side.
+        Points along each side of the square.
     modulation : float
-        In hertz, in `samples` steps that go from silence to all and back.
+        Frequency, Hz; `samples` steps go from silence to all and back.
     samples : int
     stretches : dict of float
-        For each row, seconds of the device's time.
+        Seconds of the device's time for each row.
     budget : float
         Seconds to spend on timing one row; a call that takes longer is made once.
     """
@@ -56,7 +56,7 @@ class Entry:
     Parameters
     ----------
     transducers : int
-        Of its device.
+        Number of transducers of its device.
     record : callable
         Takes seconds; has the scene played for so long, beginning at rest, and returns the recording.
     rows : dict of callable

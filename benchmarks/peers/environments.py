@@ -102,13 +102,13 @@ def enter(script: str, python: str, save: Callable[[Path], None], seconds: float
     Parameters
     ----------
     script : str
-        Of this folder.
+        Name of a script in this folder.
     python : str
         The environment's.
     save : callable
         Writes the task to a path.
     seconds : float
-        It may take.
+        Time after which it is stopped.
     """
     with tempfile.TemporaryDirectory() as folder:
         task_path, result_path = Path(folder, "task.npz"), Path(folder, "result.json")

@@ -27,7 +27,7 @@ class Task(Set):
     Parameters
     ----------
     seconds : float
-        For which each way of sending is tried.
+        Duration of each way of sending.
     patterns : int
         Different ones, which are sent in turn.
     """
@@ -49,7 +49,7 @@ class Streamed:
     updates : int
         Acknowledged.
     seconds : float
-        From the first to the last acknowledgement.
+        Time from the first to the last acknowledgement.
     processor : float
         Processor time of the sending process meanwhile, of all threads.
     host : float, optional

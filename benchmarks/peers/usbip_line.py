@@ -70,9 +70,9 @@ class UsbIpLine:
     Parameters
     ----------
     port : int
-        Of the server on this machine.
+        Port of the server on this machine.
     bus_id : str
-        Of the device.
+        Bus id of the device.
     """
 
     name = "device by USB/IP"

@@ -96,7 +96,7 @@ class Machine:
     serial : str
         Serial number.
     speed : Speed
-        Of its bus.
+        Speed of its bus.
     """
 
     closed = False

@@ -117,7 +117,7 @@ def c_files(folder: Path | None = None) -> list[KeptAssembly]:
     Parameters
     ----------
     folder : Path, optional
-        Of other C by the same names.
+        Folder of other C by the same names.
     """
     return [KeptAssembly((folder or FOLDER) / name, GENERATED) for name in _C]
 
@@ -201,7 +201,7 @@ def processor_segment(version: tuple[int, int, int]) -> bytes:
     Parameters
     ----------
     version : (int, int, int)
-        That it reports, each 0 to 255.
+        Numbers that the program reports, each 0 to 255.
 
     Raises
     ------

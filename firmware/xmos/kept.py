@@ -29,11 +29,11 @@ class KeptAssembly(NamedTuple):
     ----------
     source : Path
     folder : Path
-        Of the assembly.
+        Folder of the assembly.
     includes : tuple of Path
         Folders in which clang looks for what the source includes, besides its own.
     options : tuple of str
-        Of clang, besides those of `compile_c`.
+        Options of clang besides those of `compile_c`.
     """
 
     source: Path

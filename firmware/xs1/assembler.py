@@ -39,7 +39,7 @@ class AssemblySource(NamedTuple):
     Parameters
     ----------
     name : str
-        For messages.
+        Name in messages.
     text : str
     library : bool
         Whether only those parts are linked that another part refers to. A part is from ``.cc_top`` to ``.cc_bottom``.

@@ -11,62 +11,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from . import state as st
 from .compiled import part
-from .state import (
-    BEGAN,
-    BUFFER,
-    BUFFER_SIZE,
-    CHANNEL,
-    CHANNEL_0,
-    CHANNEL_ENDS,
-    CHANNEL_ROW,
-    CLAIM,
-    CONTROL,
-    DESTINATION,
-    ELSEWHERE,
-    ENABLED,
-    FIRST,
-    FOR_CLAIM,
-    FOR_LINK,
-    FOR_ROOM,
-    HELD_UP,
-    IN_PACKET,
-    INBOX_END,
-    INBOX_FIRST,
-    INBOX_SEEN,
-    LEFT,
-    LINK_CYCLES,
-    NEED,
-    NEVER,
-    NODE,
-    NOWHERE,
-    ON,
-    ORDER,
-    OUTBOX_END,
-    OUTSIDE,
-    OWNER,
-    PAUSED,
-    READY,
-    RESOURCE,
-    RESOURCE_ROW,
-    SOURCE,
-    STATE,
-    THREAD,
-    THREAD_ROW,
-    THREADS,
-    THROWN_AWAY,
-    TO,
-    TOKENS,
-    TYPE_CHANNEL,
-    USED,
-    WHY,
-)
 
 __all__ = [
     "absorb", "clear", "may_send", "poke", "room_after", "send", "take", "token_at", "word_after", "word_is_there",
 ]  # fmt: skip
 
-END, PAUSE = CONTROL | 1, CONTROL | 2
+END, PAUSE = st.CONTROL | 1, st.CONTROL | 2
 
 
 @part
@@ -82,48 +34,48 @@ def poke(s: Any, e: int, now: int) -> None:
     now : int
         Cycle.
     """
-    r = RESOURCE + e * RESOURCE_ROW
-    owner = s[r + OWNER] if s[r + ENABLED] != 0 else -1
-    for u in range(THREADS):
-        if s[STATE + u] == PAUSED and (u == owner or s[THREAD + u * THREAD_ROW + ON] == e):
-            s[READY + u] = min(s[READY + u], now)
+    r = st.RESOURCE + e * st.RESOURCE_ROW
+    owner = s[r + st.OWNER] if s[r + st.ENABLED] != 0 else -1
+    for u in range(st.THREADS):
+        if s[st.STATE + u] == st.PAUSED and (u == owner or s[st.THREAD + u * st.THREAD_ROW + st.ON] == e):
+            s[st.READY + u] = min(s[st.READY + u], now)
 
 
 @part
 def clear(s: Any, inbox: Any, d: int, now: int) -> None:
     """Make a channel end as new; tokens that came before are lost."""
-    b = CHANNEL + d * CHANNEL_ROW
-    s[b + DESTINATION] = 0
-    s[b + IN_PACKET] = 0
-    s[b + TO] = NOWHERE
-    s[b + CLAIM] = NOWHERE
-    s[b + TOKENS] = 0
-    s[b + OUTBOX_END] = 0
-    while s[b + INBOX_FIRST] < s[b + INBOX_END] and inbox[d, s[b + INBOX_FIRST]] >> 16 <= now:
-        s[b + INBOX_FIRST] += 1
-    s[b + INBOX_SEEN] = max(s[b + INBOX_SEEN], s[b + INBOX_FIRST])
+    b = st.CHANNEL + d * st.CHANNEL_ROW
+    s[b + st.DESTINATION] = 0
+    s[b + st.IN_PACKET] = 0
+    s[b + st.TO] = st.NOWHERE
+    s[b + st.CLAIM] = st.NOWHERE
+    s[b + st.TOKENS] = 0
+    s[b + st.OUTBOX_END] = 0
+    while s[b + st.INBOX_FIRST] < s[b + st.INBOX_END] and inbox[d, s[b + st.INBOX_FIRST]] >> 16 <= now:
+        s[b + st.INBOX_FIRST] += 1
+    s[b + st.INBOX_SEEN] = max(s[b + st.INBOX_SEEN], s[b + st.INBOX_FIRST])
 
 
 @part
 def _release(s: Any, d: int, now: int) -> None:
     """End a packet to a channel end: the thread that waits longest may begin its own."""
     chosen = -1
-    for u in range(THREADS):
-        t = THREAD + u * THREAD_ROW
-        waits = s[STATE + u] == PAUSED and s[t + WHY] == FOR_CLAIM and s[t + ON] == CHANNEL_0 + d
-        if waits and (chosen < 0 or s[t + ORDER] < s[THREAD + chosen * THREAD_ROW + ORDER]):
+    for u in range(st.THREADS):
+        t = st.THREAD + u * st.THREAD_ROW
+        waits = s[st.STATE + u] == st.PAUSED and s[t + st.WHY] == st.FOR_CLAIM and s[t + st.ON] == st.CHANNEL_0 + d
+        if waits and (chosen < 0 or s[t + st.ORDER] < s[st.THREAD + chosen * st.THREAD_ROW + st.ORDER]):
             chosen = u
-    s[CHANNEL + d * CHANNEL_ROW + CLAIM] = NOWHERE
+    s[st.CHANNEL + d * st.CHANNEL_ROW + st.CLAIM] = st.NOWHERE
     if chosen >= 0:
-        s[CHANNEL + d * CHANNEL_ROW + CLAIM] = s[THREAD + chosen * THREAD_ROW + SOURCE]
-        s[READY + chosen] = min(s[READY + chosen], now)
+        s[st.CHANNEL + d * st.CHANNEL_ROW + st.CLAIM] = s[st.THREAD + chosen * st.THREAD_ROW + st.SOURCE]
+        s[st.READY + chosen] = min(s[st.READY + chosen], now)
 
 
 @part
 def _put(s: Any, d: int, token: int) -> None:
-    b = CHANNEL + d * CHANNEL_ROW
-    s[b + BUFFER + ((s[b + FIRST] + s[b + TOKENS]) & 7)] = token
-    s[b + TOKENS] += 1
+    b = st.CHANNEL + d * st.CHANNEL_ROW
+    s[b + st.BUFFER + ((s[b + st.FIRST] + s[b + st.TOKENS]) & 7)] = token
+    s[b + st.TOKENS] += 1
 
 
 @part
@@ -141,56 +93,56 @@ def absorb(s: Any, inbox: Any, d: int, now: int) -> None:
     now : int
         Cycle.
     """
-    b = CHANNEL + d * CHANNEL_ROW
-    end = s[b + INBOX_END]
-    if s[b + INBOX_FIRST] == end:
+    b = st.CHANNEL + d * st.CHANNEL_ROW
+    end = s[b + st.INBOX_END]
+    if s[b + st.INBOX_FIRST] == end:
         return
-    while s[b + INBOX_FIRST] < end and inbox[d, s[b + INBOX_FIRST]] >> 16 <= now:
-        if s[RESOURCE + (CHANNEL_0 + d) * RESOURCE_ROW + USED] == 0:
-            s[b + INBOX_FIRST] += 1
-            s[b + INBOX_SEEN] = max(s[b + INBOX_SEEN], s[b + INBOX_FIRST])
+    while s[b + st.INBOX_FIRST] < end and inbox[d, s[b + st.INBOX_FIRST]] >> 16 <= now:
+        if s[st.RESOURCE + (st.CHANNEL_0 + d) * st.RESOURCE_ROW + st.USED] == 0:
+            s[b + st.INBOX_FIRST] += 1
+            s[b + st.INBOX_SEEN] = max(s[b + st.INBOX_SEEN], s[b + st.INBOX_FIRST])
             continue
-        claim = s[b + CLAIM]
-        if s[b + TOKENS] == BUFFER_SIZE or (claim != NOWHERE and claim != OUTSIDE):
+        claim = s[b + st.CLAIM]
+        if s[b + st.TOKENS] == st.BUFFER_SIZE or (claim != st.NOWHERE and claim != st.OUTSIDE):
             break
-        token = inbox[d, s[b + INBOX_FIRST]] & 0x1FF
-        s[b + INBOX_FIRST] += 1
-        s[b + INBOX_SEEN] = max(s[b + INBOX_SEEN], s[b + INBOX_FIRST])
+        token = inbox[d, s[b + st.INBOX_FIRST]] & 0x1FF
+        s[b + st.INBOX_FIRST] += 1
+        s[b + st.INBOX_SEEN] = max(s[b + st.INBOX_SEEN], s[b + st.INBOX_FIRST])
         if token != PAUSE:
             _put(s, d, token)
         if token == END or token == PAUSE:
             _release(s, d, now)
         else:
-            s[b + CLAIM] = OUTSIDE
-    while s[b + INBOX_SEEN] < end and inbox[d, s[b + INBOX_SEEN]] >> 16 <= now:
-        s[HELD_UP] += 1
-        s[b + INBOX_SEEN] += 1
+            s[b + st.CLAIM] = st.OUTSIDE
+    while s[b + st.INBOX_SEEN] < end and inbox[d, s[b + st.INBOX_SEEN]] >> 16 <= now:
+        s[st.HELD_UP] += 1
+        s[b + st.INBOX_SEEN] += 1
 
 
 @part
 def token_at(s: Any, d: int, place: int) -> int:
     """A token of the buffer, which is left there."""
-    b = CHANNEL + d * CHANNEL_ROW
-    return s[b + BUFFER + ((s[b + FIRST] + place) & 7)]
+    b = st.CHANNEL + d * st.CHANNEL_ROW
+    return s[b + st.BUFFER + ((s[b + st.FIRST] + place) & 7)]
 
 
 @part
 def take(s: Any, inbox: Any, d: int, count: int, now: int) -> None:
     """Remove tokens from the front of the buffer."""
-    b = CHANNEL + d * CHANNEL_ROW
-    s[b + FIRST] = (s[b + FIRST] + count) & 7
-    s[b + TOKENS] -= count
+    b = st.CHANNEL + d * st.CHANNEL_ROW
+    s[b + st.FIRST] = (s[b + st.FIRST] + count) & 7
+    s[b + st.TOKENS] -= count
     absorb(s, inbox, d, now)
-    if s[b + CLAIM] >= 0:
-        poke(s, CHANNEL_0 + d, now)
+    if s[b + st.CLAIM] >= 0:
+        poke(s, st.CHANNEL_0 + d, now)
 
 
 @part
 def word_is_there(s: Any, d: int) -> int:
     """Whether four tokens are there, or a control token among fewer: 1 to 4 is its place, 0 for none, -1 to wait."""
-    count = min(s[CHANNEL + d * CHANNEL_ROW + TOKENS], 4)
+    count = min(s[st.CHANNEL + d * st.CHANNEL_ROW + st.TOKENS], 4)
     for place in range(count):
-        if token_at(s, d, place) >= CONTROL:
+        if token_at(s, d, place) >= st.CONTROL:
             return place + 1
     return 0 if count == 4 else -1
 
@@ -198,19 +150,19 @@ def word_is_there(s: Any, d: int) -> int:
 @part
 def word_after(s: Any, inbox: Any, d: int, now: int) -> int:
     """When a word, or a control token in its place, will be there, as far as is known."""
-    b = CHANNEL + d * CHANNEL_ROW
-    count = s[b + TOKENS]
-    for place in range(s[b + INBOX_FIRST], s[b + INBOX_END]):
+    b = st.CHANNEL + d * st.CHANNEL_ROW
+    count = s[b + st.TOKENS]
+    for place in range(s[b + st.INBOX_FIRST], s[b + st.INBOX_END]):
         count += 1
-        if count == 4 or inbox[d, place] & CONTROL:
+        if count == 4 or inbox[d, place] & st.CONTROL:
             return max(now + 1, inbox[d, place] >> 16)
-    return NEVER
+    return st.NEVER
 
 
 @part
 def room_after(s: Any, c: int, count: int) -> int:
     """When the link of a channel end has room for some tokens; now or earlier if it has."""
-    return s[CHANNEL + c * CHANNEL_ROW + LEFT] - (BUFFER_SIZE - count) * s[LINK_CYCLES]
+    return s[st.CHANNEL + c * st.CHANNEL_ROW + st.LEFT] - (st.BUFFER_SIZE - count) * s[st.LINK_CYCLES]
 
 
 @part
@@ -238,65 +190,65 @@ def send(s: Any, outbox: Any, inbox: Any, c: int, value: int, count: int, now: i
         -3 if it is sent, -2 if a message is complete with it, -1 if there is no destination; else why the thread
         pauses.
     """
-    b = CHANNEL + c * CHANNEL_ROW
+    b = st.CHANNEL + c * st.CHANNEL_ROW
     ends = count == 1 and (value == END or value == PAUSE)
-    to = s[b + TO]
-    if s[b + IN_PACKET] == 0:
-        destination = s[b + DESTINATION]
+    to = s[b + st.TO]
+    if s[b + st.IN_PACKET] == 0:
+        destination = s[b + st.DESTINATION]
         if destination == 0:
             return -1
-        if destination & 0xFF != TYPE_CHANNEL or destination >> 16 != s[NODE]:
-            to = ELSEWHERE
-            s[b + BEGAN] = now
+        if destination & 0xFF != st.TYPE_CHANNEL or destination >> 16 != s[st.NODE]:
+            to = st.ELSEWHERE
+            s[b + st.BEGAN] = now
         else:
             to = destination >> 8 & 0xFF
-            if to >= CHANNEL_ENDS or s[RESOURCE + (CHANNEL_0 + to) * RESOURCE_ROW + USED] == 0:
-                to = THROWN_AWAY
+            if to >= st.CHANNEL_ENDS or s[st.RESOURCE + (st.CHANNEL_0 + to) * st.RESOURCE_ROW + st.USED] == 0:
+                to = st.THROWN_AWAY
             else:
                 absorb(s, inbox, to, now)
-                d = CHANNEL + to * CHANNEL_ROW
-                if s[d + CLAIM] != NOWHERE and s[d + CLAIM] != c:
-                    s[b + TO] = to
-                    return FOR_CLAIM
-                s[d + CLAIM] = c
-        s[b + TO] = to
-        s[b + IN_PACKET] = 1
-    if to == THROWN_AWAY:
-        s[b + IN_PACKET] = 0 if ends else 1
+                d = st.CHANNEL + to * st.CHANNEL_ROW
+                if s[d + st.CLAIM] != st.NOWHERE and s[d + st.CLAIM] != c:
+                    s[b + st.TO] = to
+                    return st.FOR_CLAIM
+                s[d + st.CLAIM] = c
+        s[b + st.TO] = to
+        s[b + st.IN_PACKET] = 1
+    if to == st.THROWN_AWAY:
+        s[b + st.IN_PACKET] = 0 if ends else 1
         return -3
-    if to == ELSEWHERE:
+    if to == st.ELSEWHERE:
         if room_after(s, c, count) > now:
-            return FOR_LINK
-        n = s[b + OUTBOX_END]
+            return st.FOR_LINK
+        n = s[b + st.OUTBOX_END]
         for place in range(count):
             outbox[c, n + place] = value >> 8 * (count - 1 - place) & 0xFF if count > 1 else value
-        s[b + OUTBOX_END] = n + count
-        s[b + LEFT] = max(s[b + LEFT], now) + count * s[LINK_CYCLES]
-        if ends or s[b + OUTBOX_END] + 4 > outbox.shape[1]:
-            s[b + IN_PACKET] = 0
+        s[b + st.OUTBOX_END] = n + count
+        s[b + st.LEFT] = max(s[b + st.LEFT], now) + count * s[st.LINK_CYCLES]
+        if ends or s[b + st.OUTBOX_END] + 4 > outbox.shape[1]:
+            s[b + st.IN_PACKET] = 0
             return -2
         return -3
-    d = CHANNEL + to * CHANNEL_ROW
+    d = st.CHANNEL + to * st.CHANNEL_ROW
     if value != PAUSE or count > 1:
-        if s[d + TOKENS] + count > BUFFER_SIZE:
-            return FOR_ROOM
+        if s[d + st.TOKENS] + count > st.BUFFER_SIZE:
+            return st.FOR_ROOM
         for place in range(count):
             _put(s, to, value >> 8 * (count - 1 - place) & 0xFF if count > 1 else value)
     if ends:
-        s[b + IN_PACKET] = 0
+        s[b + st.IN_PACKET] = 0
         _release(s, to, now)
         absorb(s, inbox, to, now)
-    poke(s, CHANNEL_0 + to, now)
+    poke(s, st.CHANNEL_0 + to, now)
     return -3
 
 
 @part
 def may_send(s: Any, t: int) -> bool:
     """Whether a thread that paused for a claim or for room can send."""
-    b = THREAD + t * THREAD_ROW
-    d = CHANNEL + (s[b + ON] - CHANNEL_0) * CHANNEL_ROW
-    if s[b + WHY] == FOR_ROOM:
-        return s[d + TOKENS] + s[b + NEED] <= BUFFER_SIZE
-    if s[d + CLAIM] == NOWHERE:
-        s[d + CLAIM] = s[b + SOURCE]
-    return s[d + CLAIM] == s[b + SOURCE]
+    b = st.THREAD + t * st.THREAD_ROW
+    d = st.CHANNEL + (s[b + st.ON] - st.CHANNEL_0) * st.CHANNEL_ROW
+    if s[b + st.WHY] == st.FOR_ROOM:
+        return s[d + st.TOKENS] + s[b + st.NEED] <= st.BUFFER_SIZE
+    if s[d + st.CLAIM] == st.NOWHERE:
+        s[d + st.CLAIM] = s[b + st.SOURCE]
+    return s[d + st.CLAIM] == s[b + st.SOURCE]

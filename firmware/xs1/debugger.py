@@ -50,7 +50,7 @@ class Step(NamedTuple):
     Parameters
     ----------
     cycle : int
-        In which it issued.
+        Cycle in which it issued.
     thread : int
     address : int
     text : str
@@ -78,7 +78,7 @@ class FunctionShare(NamedTuple):
     slots : int
         Issue slots that they took: 1 each, and 32 for a division.
     share : float
-        Of the slots of all, 0 to 1.
+        Share of all slots, 0 to 1.
     """
 
     name: str
@@ -126,13 +126,13 @@ def around(
     Parameters
     ----------
     memory : (65536,) uint8
-        As it is now.
+        Memory as it is now.
     program : LinkedProgram
-        For names.
+        Program whose names are shown.
     address : int
-        Of the instruction in the middle.
+        Address of the instruction in the middle.
     before, after : int
-        At most so many instructions.
+        Largest number of instructions before and after it.
 
     Returns
     -------
@@ -200,7 +200,7 @@ def steps(execution: Execution, last: int) -> Iterator[Step]:
     Parameters
     ----------
     execution : Execution
-        In lockstep.
+        An execution in lockstep.
     last : int
         The last cycle to execute.
 

@@ -81,7 +81,7 @@ class Decoded(NamedTuple):
     imm : int
         The number meant by N, U or P (bits), or for T the distance in bytes from the instruction's end; else 0.
     size : int
-        In bytes: 2 or 4.
+        Size in bytes: 2 or 4.
     """
 
     code: int
@@ -358,7 +358,7 @@ def split(low: int) -> tuple[int, int]:
     Returns
     -------
     registers : int
-        As in a predecoded word.
+        Registers as in a predecoded word.
     count : int
         2 or 3 operands, or 0 if these are none.
     """

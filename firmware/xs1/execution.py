@@ -36,7 +36,7 @@ class Setup:
     ----------
     program : LinkedProgram
     registers : mapping
-        Of thread 0 at the beginning, by number: 0 to 11 are r0 to r11, 12 to 15 cp, dp, sp and lr.
+        Values in thread 0 at the beginning, by number: 0 to 11 are r0 to r11, 12 to 15 cp, dp, sp and lr.
     inputs : sequence of (int, int, int)
         Port, cycle and value: what is on input pins from a cycle on, in the order of cycles for each port.
     watched : sequence of int
@@ -174,7 +174,7 @@ def execute(setup: Setup, cycles: int, *, place: int | None = None) -> Outcome:
     ----------
     setup : Setup
     cycles : int
-        At most so many.
+        Largest number of cycles.
     place : int, optional
         The address of an instruction after whose first execution to end.
 

@@ -14,85 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from . import state as st
 from .actions import act
 from .compiled import kernel, part
 from .instructions import BY_NAME, INSTRUCTIONS, Effect
 from .ports import bring_up, free_after, update
 from .resources import due_event, enter, find_port, pause, slot, take_event, wake
-from .state import (
-    AHEAD,
-    ARITHMETIC,
-    COUNT,
-    CP,
-    CYCLE,
-    DIVISION,
-    DONE,
-    DP,
-    EEBLE,
-    FAULT,
-    FAULT_CYCLE,
-    FAULT_DATA,
-    FAULT_PC,
-    FAULT_THREAD,
-    FETCHED,
-    FOR_OUTPUT,
-    FULL,
-    GONE,
-    HALVES,
-    IEBLE,
-    ILLEGAL_INSTRUCTION,
-    ILLEGAL_PC,
-    ISSUE,
-    ISSUED,
-    LAST,
-    LOAD_STORE,
-    LOCKSTEP,
-    LOG_FULL,
-    LOG_MARGIN,
-    LOGGED,
-    LR,
-    MESSAGE,
-    NEVER,
-    NEXT,
-    NOT_DECODED,
-    ON,
-    OUTSIDE_RAM,
-    OWNER,
-    PAUSE,
-    PAUSED,
-    PC,
-    PESSIMISTIC,
-    PORT,
-    PORT_0,
-    PORT_ROW,
-    PORTS,
-    PROFILED,
-    RAM,
-    REACHED,
-    READY,
-    REGISTER_ROW,
-    RESOURCE,
-    RESOURCE_ROW,
-    RUNNING,
-    SENT,
-    SP,
-    SR,
-    STATE,
-    THREAD,
-    THREAD_ROW,
-    THREADS,
-    TRANSFER,
-    TRANSFER_WIDTH,
-    TRAP,
-    TRAPPED,
-    UNDECODED,
-    UNDECODED_AT,
-    UNHANDLED,
-    USED_THREADS,
-    WATCHED,
-    WHY,
-    codes,
-)
 
 __all__ = ["flush", "run"]
 
@@ -105,18 +32,18 @@ ACCESSES = np.zeros(256, np.bool_)
 ACCESSES[[code for code, i in enumerate(INSTRUCTIONS) if i.effect in (Effect.LOAD, Effect.STORE)]] = True
 ACCESSES[[BY_NAME[name] for name in ("retsp", "blat", "blacp")]] = True
 
-STWI, LDWI, ADD, SUB, SHL, SHR, EQ, AND = codes("stwi ldwi add sub shl shr eq and")
-OR, LDW, LD16S, LD8U, ADDI, SUBI, SHLI, SHRI, EQI = codes("or ldw ld16s ld8u addi subi shli shri eqi")
-LSS, LSU, ANDNOT, SEXT, SEXTI, ZEXT, ZEXTI, NOT, NEG = codes("lss lsu andnot sext sexti zext zexti not neg")
-MKMSK, MKMSKI, BLAR, BAU, BRU, SETSP, SETDP, SETCP = codes("mkmsk mkmski blar bau bru setsp setdp setcp")
-STWDP, STWSP, LDWDP, LDWSP, LDAWDP, LDAWSP, LDC, LDWCP = codes("stwdp stwsp ldwdp ldwsp ldawdp ldawsp ldc ldwcp")
-BRFT, BRBT, BRFF, BRBF, BRFU, BRBU, BLAT, BLACP = codes("brft brbt brff brbf brfu brbu blat blacp")
-EXTDP, EXTSP, ENTSP, RETSP, GETSR, LDAWCP, LDWCPL = codes("extdp extsp entsp retsp getsr ldawcp ldwcpl")
-BLRF, BLRB, LDAPF, LDAPB, STWL, ST16, ST8, XOR, ASHR = codes("blrf blrb ldapf ldapb stwl st16 st8 xor ashr")
-LDAWF, LDAWB, LDAWFI, LDAWBI, LDA16F, LDA16B, ASHRI = codes("ldawf ldawb ldawfi ldawbi lda16f lda16b ashri")
-MUL, DIVS, DIVU, REMS, REMU, CRC32, CRC8, BITREV = codes("mul divs divu rems remu crc32 crc8 bitrev")
-BYTEREV, CLZ, MACCU, MACCS, LDIVU, LADD, LSUB, LMUL = codes("byterev clz maccu maccs ldivu ladd lsub lmul")
-(OUT,) = codes("out")
+STWI, LDWI, ADD, SUB, SHL, SHR, EQ, AND = st.codes("stwi ldwi add sub shl shr eq and")
+OR, LDW, LD16S, LD8U, ADDI, SUBI, SHLI, SHRI, EQI = st.codes("or ldw ld16s ld8u addi subi shli shri eqi")
+LSS, LSU, ANDNOT, SEXT, SEXTI, ZEXT, ZEXTI, NOT, NEG = st.codes("lss lsu andnot sext sexti zext zexti not neg")
+MKMSK, MKMSKI, BLAR, BAU, BRU, SETSP, SETDP, SETCP = st.codes("mkmsk mkmski blar bau bru setsp setdp setcp")
+STWDP, STWSP, LDWDP, LDWSP, LDAWDP, LDAWSP, LDC, LDWCP = st.codes("stwdp stwsp ldwdp ldwsp ldawdp ldawsp ldc ldwcp")
+BRFT, BRBT, BRFF, BRBF, BRFU, BRBU, BLAT, BLACP = st.codes("brft brbt brff brbf brfu brbu blat blacp")
+EXTDP, EXTSP, ENTSP, RETSP, GETSR, LDAWCP, LDWCPL = st.codes("extdp extsp entsp retsp getsr ldawcp ldwcpl")
+BLRF, BLRB, LDAPF, LDAPB, STWL, ST16, ST8, XOR, ASHR = st.codes("blrf blrb ldapf ldapb stwl st16 st8 xor ashr")
+LDAWF, LDAWB, LDAWFI, LDAWBI, LDA16F, LDA16B, ASHRI = st.codes("ldawf ldawb ldawfi ldawbi lda16f lda16b ashri")
+MUL, DIVS, DIVU, REMS, REMU, CRC32, CRC8, BITREV = st.codes("mul divs divu rems remu crc32 crc8 bitrev")
+BYTEREV, CLZ, MACCU, MACCS, LDIVU, LADD, LSUB, LMUL = st.codes("byterev clz maccu maccs ldivu ladd lsub lmul")
+(OUT,) = st.codes("out")
 
 WORD = 0xFFFFFFFF
 
@@ -124,10 +51,10 @@ WORD = 0xFFFFFFFF
 @part
 def _forget(code: Any, address: int) -> None:
     """Have the half words around a word that was stored decoded again."""
-    half = (address - RAM) >> 1 & ~1
-    code[half - 1 if half > 0 else 0] = NOT_DECODED
-    code[half] = NOT_DECODED
-    code[half + 1] = NOT_DECODED
+    half = (address - st.RAM) >> 1 & ~1
+    code[half - 1 if half > 0 else 0] = st.NOT_DECODED
+    code[half] = st.NOT_DECODED
+    code[half + 1] = st.NOT_DECODED
 
 
 @part
@@ -180,8 +107,8 @@ def _high_product(a: int, b: int) -> tuple[int, int]:
 @part
 def flush(s: Any, regs: Any, pins: Any, log: Any, now: int) -> None:
     """Bring watched ports up to a cycle, so that the log is complete."""
-    for p in range(PORTS):
-        if s[PORT + p * PORT_ROW + WATCHED] != 0:
+    for p in range(st.PORTS):
+        if s[st.PORT + p * st.PORT_ROW + st.WATCHED] != 0:
             update(s, regs, pins, log, p, now)
 
 
@@ -222,19 +149,20 @@ def run(
     int
         REACHED, MESSAGE, UNHANDLED, LOG_FULL or UNDECODED.
     """
-    period = s[ISSUE]
-    pessimistic, profiled, lockstep, ahead = s[PESSIMISTIC] != 0, s[PROFILED] != 0, s[LOCKSTEP] != 0, s[AHEAD]
+    period = s[st.ISSUE]
+    pessimistic, profiled, lockstep = s[st.PESSIMISTIC] != 0, s[st.PROFILED] != 0, s[st.LOCKSTEP] != 0
+    ahead = s[st.AHEAD]
     count = 0
-    stop = REACHED
-    full = log.shape[0] - LOG_MARGIN
+    stop = st.REACHED
+    full = log.shape[0] - st.LOG_MARGIN
     cycle = until
-    for t in range(THREADS):
-        if s[STATE + t] == PAUSED:  # something may have come from outside
-            s[READY + t] = min(s[READY + t], s[CYCLE] + 1)
+    for t in range(st.THREADS):
+        if s[st.STATE + t] == st.PAUSED:  # something may have come from outside
+            s[st.READY + t] = min(s[st.READY + t], s[st.CYCLE] + 1)
     while True:
-        t, now, other = 0, s[READY], NEVER
-        for u in range(1, THREADS):
-            time = s[READY + u]
+        t, now, other = 0, s[st.READY], st.NEVER
+        for u in range(1, st.THREADS):
+            time = s[st.READY + u]
             if time < now:
                 other = now
                 now = time
@@ -243,39 +171,39 @@ def run(
                 other = time
         if now > until:
             break
-        if s[LOGGED] >= full:
-            stop = LOG_FULL
+        if s[st.LOGGED] >= full:
+            stop = st.LOG_FULL
             cycle = now - 1
             break
-        row, k = THREAD + t * THREAD_ROW, t * REGISTER_ROW
-        if s[STATE + t] != RUNNING:
-            if s[row + WHY] == FOR_OUTPUT and regs[k + SR] & (EEBLE | IEBLE) == 0:
-                p = s[row + ON] - PORT_0
-                if not bring_up(s, log, p, now) or s[PORT + p * PORT_ROW + FULL] != 0:
+        row, k = st.THREAD + t * st.THREAD_ROW, t * st.REGISTER_ROW
+        if s[st.STATE + t] != st.RUNNING:
+            if s[row + st.WHY] == st.FOR_OUTPUT and regs[k + st.SR] & (st.EEBLE | st.IEBLE) == 0:
+                p = s[row + st.ON] - st.PORT_0
+                if not bring_up(s, log, p, now) or s[st.PORT + p * st.PORT_ROW + st.FULL] != 0:
                     wake(s, regs, inbox, pins, log, t, now)
                     continue
-                s[READY + t] = slot(s, t, now)
-                s[STATE + t] = RUNNING
-                if s[READY + t] != now:
+                s[st.READY + t] = slot(s, t, now)
+                s[st.STATE + t] = st.RUNNING
+                if s[st.READY + t] != now:
                     continue
             else:
                 wake(s, regs, inbox, pins, log, t, now)
                 continue
-        general = s[USED_THREADS] > period
-        if general and now <= s[LAST]:
-            now = s[LAST] + 1
+        general = s[st.USED_THREADS] > period
+        if general and now <= s[st.LAST]:
+            now = s[st.LAST] + 1
             if now > until:
                 break
         bound = now
-        if regs[k + SR] & (EEBLE | IEBLE):
+        if regs[k + st.SR] & (st.EEBLE | st.IEBLE):
             event, _ = due_event(s, regs, inbox, pins, log, t, now)
             if event >= 0:
                 take_event(s, regs, t, event)
         elif not (lockstep or general):
             bound = min(until, now + ahead)
-        r = regs[k : k + REGISTER_ROW]
-        i = s[row + PC]
-        fetched, following = s[row + FETCHED], s[row + NEXT]
+        r = regs[k : k + st.REGISTER_ROW]
+        i = s[row + st.PC]
+        fetched, following = s[row + st.FETCHED], s[row + st.NEXT]
         start = now
         while now <= bound:
             w = code[i]
@@ -338,77 +266,77 @@ def run(
                 r[a] = imm
             elif op == LDW:
                 data = r[b] + 4 * int64(r[c])
-                if data & 0xFFFF0003 == RAM:
+                if data & 0xFFFF0003 == st.RAM:
                     r[a] = words[data >> 2 & 0x3FFF]
                 else:
-                    fault = LOAD_STORE
+                    fault = st.LOAD_STORE
             elif op == LDWI:
                 data = r[b] + imm
-                if data & 0xFFFF0003 == RAM:
+                if data & 0xFFFF0003 == st.RAM:
                     r[a] = words[data >> 2 & 0x3FFF]
                 else:
-                    fault = LOAD_STORE
+                    fault = st.LOAD_STORE
             elif op == LDWSP:
-                data = r[SP] + imm
-                if data & 0xFFFF0003 == RAM:
+                data = r[st.SP] + imm
+                if data & 0xFFFF0003 == st.RAM:
                     r[a] = words[data >> 2 & 0x3FFF]
                 else:
-                    fault = LOAD_STORE
+                    fault = st.LOAD_STORE
             elif op == LDWDP:
-                data = r[DP] + imm
-                if data & 0xFFFF0003 == RAM:
+                data = r[st.DP] + imm
+                if data & 0xFFFF0003 == st.RAM:
                     r[a] = words[data >> 2 & 0x3FFF]
                 else:
-                    fault = LOAD_STORE
+                    fault = st.LOAD_STORE
             elif op == LDWCP or op == LDWCPL:
-                data = r[CP] + imm
-                if data & 0xFFFF0003 == RAM:
+                data = r[st.CP] + imm
+                if data & 0xFFFF0003 == st.RAM:
                     r[a if op == LDWCP else 11] = words[data >> 2 & 0x3FFF]
                 else:
-                    fault = LOAD_STORE
+                    fault = st.LOAD_STORE
             elif op == LD16S:
                 data = r[b] + 2 * int64(r[c])
-                if data & 0xFFFF0001 == RAM:
+                if data & 0xFFFF0001 == st.RAM:
                     r[a] = halves[data >> 1 & 0x7FFF]
                 else:
-                    fault = LOAD_STORE
+                    fault = st.LOAD_STORE
             elif op == LD8U:
                 data = r[b] + int64(r[c])
-                if data & 0xFFFF0000 == RAM:
+                if data & 0xFFFF0000 == st.RAM:
                     r[a] = bytes_[data & 0xFFFF]
                 else:
-                    fault = LOAD_STORE
+                    fault = st.LOAD_STORE
             elif op == STWI or op == STWL or op == STWSP or op == STWDP:
                 if op == STWI:
                     data = r[b] + imm
                 elif op == STWL:
                     data = r[b] + 4 * int64(r[c])
                 elif op == STWSP:
-                    data = r[SP] + imm
+                    data = r[st.SP] + imm
                 else:
-                    data = r[DP] + imm
-                if data & 0xFFFF0003 == RAM:
+                    data = r[st.DP] + imm
+                if data & 0xFFFF0003 == st.RAM:
                     words[data >> 2 & 0x3FFF] = r[a]
                     if marks[data >> 2 & 0x3FFF]:
                         _forget(code, data & WORD)
                 else:
-                    fault = LOAD_STORE
+                    fault = st.LOAD_STORE
             elif op == ST16:
                 data = r[b] + 2 * int64(r[c])
-                if data & 0xFFFF0001 == RAM:
+                if data & 0xFFFF0001 == st.RAM:
                     halves[data >> 1 & 0x7FFF] = int64(r[a])
                     if marks[data >> 2 & 0x3FFF]:
                         _forget(code, data & WORD)
                 else:
-                    fault = LOAD_STORE
+                    fault = st.LOAD_STORE
             elif op == ST8:
                 data = r[b] + int64(r[c])
-                if data & 0xFFFF0000 == RAM:
+                if data & 0xFFFF0000 == st.RAM:
                     bytes_[data & 0xFFFF] = r[a]
                     if marks[data >> 2 & 0x3FFF]:
                         _forget(code, data & WORD)
                 else:
-                    fault = LOAD_STORE
+                    fault = st.LOAD_STORE
             elif op == LDAWF:
                 r[a] = r[b] + 4 * int64(r[c])
             elif op == LDAWB:
@@ -422,96 +350,96 @@ def run(
             elif op == LDA16B:
                 r[a] = r[b] - 2 * int64(r[c])
             elif op == LDAWSP:
-                r[a] = r[SP] + imm
+                r[a] = r[st.SP] + imm
             elif op == LDAWDP:
-                r[a] = r[DP] + imm
+                r[a] = r[st.DP] + imm
             elif op == LDAWCP:
-                r[11] = r[CP] + imm
+                r[11] = r[st.CP] + imm
             elif op == LDAPF or op == LDAPB:
-                r[11] = RAM + 2 * (n + imm)
+                r[11] = st.RAM + 2 * (n + imm)
             elif op == BRFT or op == BRBT:
                 if r[a] != 0:
                     n += imm
-                    if n < 0 or n >= HALVES:
-                        fault, data = ILLEGAL_PC, RAM + 2 * n
+                    if n < 0 or n >= st.HALVES:
+                        fault, data = st.ILLEGAL_PC, st.RAM + 2 * n
             elif op == BRFF or op == BRBF:
                 if r[a] == 0:
                     n += imm
-                    if n < 0 or n >= HALVES:
-                        fault, data = ILLEGAL_PC, RAM + 2 * n
+                    if n < 0 or n >= st.HALVES:
+                        fault, data = st.ILLEGAL_PC, st.RAM + 2 * n
             elif op == BRFU or op == BRBU:
                 n += imm
-                if n < 0 or n >= HALVES:
-                    fault, data = ILLEGAL_PC, RAM + 2 * n
+                if n < 0 or n >= st.HALVES:
+                    fault, data = st.ILLEGAL_PC, st.RAM + 2 * n
             elif op == BLRF or op == BLRB:
                 target = n + imm
-                if target < 0 or target >= HALVES:
-                    fault, data = ILLEGAL_PC, RAM + 2 * target
+                if target < 0 or target >= st.HALVES:
+                    fault, data = st.ILLEGAL_PC, st.RAM + 2 * target
                 else:
-                    r[LR] = RAM + 2 * n
+                    r[st.LR] = st.RAM + 2 * n
                     n = target
             elif op == BRU:
-                data = RAM + 2 * (n + int64(int32(r[a])))
-                n = (data & WORD) - RAM >> 1
-                if n < 0 or n >= HALVES:
-                    fault = ILLEGAL_PC
+                data = st.RAM + 2 * (n + int64(int32(r[a])))
+                n = (data & WORD) - st.RAM >> 1
+                if n < 0 or n >= st.HALVES:
+                    fault = st.ILLEGAL_PC
             elif op == BAU or op == BLAR:
                 data = int64(r[a])
-                if data & 1 or data & 0xFFFF0000 != RAM:
-                    fault = ILLEGAL_PC
+                if data & 1 or data & 0xFFFF0000 != st.RAM:
+                    fault = st.ILLEGAL_PC
                 else:
                     if op == BLAR:
-                        r[LR] = RAM + 2 * n
-                    n = (data - RAM) >> 1
+                        r[st.LR] = st.RAM + 2 * n
+                    n = (data - st.RAM) >> 1
             elif op == BLAT or op == BLACP:
-                data = (r[11] if op == BLAT else r[CP]) + imm
-                if data & 0xFFFF0003 == RAM:
+                data = (r[11] if op == BLAT else r[st.CP]) + imm
+                if data & 0xFFFF0003 == st.RAM:
                     data = int64(words[data >> 2 & 0x3FFF])
-                    if data & 1 or data & 0xFFFF0000 != RAM:
-                        fault = ILLEGAL_PC
+                    if data & 1 or data & 0xFFFF0000 != st.RAM:
+                        fault = st.ILLEGAL_PC
                     else:
-                        r[LR] = RAM + 2 * n
-                        n = (data - RAM) >> 1
+                        r[st.LR] = st.RAM + 2 * n
+                        n = (data - st.RAM) >> 1
                 else:
-                    fault = LOAD_STORE
+                    fault = st.LOAD_STORE
             elif op == RETSP:
-                data = int64(r[LR])
-                sp = int64(r[SP])
+                data = int64(r[st.LR])
+                sp = int64(r[st.SP])
                 if imm > 0:
                     sp = (sp + imm) & WORD
-                    if sp & 0xFFFF0003 == RAM:
+                    if sp & 0xFFFF0003 == st.RAM:
                         data = int64(words[sp >> 2 & 0x3FFF])
                     else:
-                        fault, data = LOAD_STORE, sp
+                        fault, data = st.LOAD_STORE, sp
                 if fault == 0:
-                    if data & 1 or data & 0xFFFF0000 != RAM:
-                        fault = ILLEGAL_PC
+                    if data & 1 or data & 0xFFFF0000 != st.RAM:
+                        fault = st.ILLEGAL_PC
                     else:
-                        r[LR] = data
-                        r[SP] = sp
-                        n = (data - RAM) >> 1
+                        r[st.LR] = data
+                        r[st.SP] = sp
+                        n = (data - st.RAM) >> 1
             elif op == ENTSP:
                 if imm > 0:
-                    data = int64(r[SP])
-                    if data & 0xFFFF0003 == RAM:
-                        words[data >> 2 & 0x3FFF] = r[LR]
+                    data = int64(r[st.SP])
+                    if data & 0xFFFF0003 == st.RAM:
+                        words[data >> 2 & 0x3FFF] = r[st.LR]
                         if marks[data >> 2 & 0x3FFF]:
                             _forget(code, data)
-                        r[SP] = data - imm
+                        r[st.SP] = data - imm
                     else:
-                        fault = LOAD_STORE
+                        fault = st.LOAD_STORE
             elif op == EXTSP:
-                r[SP] = r[SP] - imm
+                r[st.SP] = r[st.SP] - imm
             elif op == EXTDP:
-                r[DP] = r[DP] - imm
+                r[st.DP] = r[st.DP] - imm
             elif op == SETSP:
-                r[SP] = r[a]
+                r[st.SP] = r[a]
             elif op == SETDP:
-                r[DP] = r[a]
+                r[st.DP] = r[a]
             elif op == SETCP:
-                r[CP] = r[a]
+                r[st.CP] = r[a]
             elif op == GETSR:
-                r[11] = r[SR] & imm
+                r[11] = r[st.SR] & imm
             elif op == ZEXTI or op == SEXTI:
                 r[a] = _extended(int64(r[a]), imm, op == SEXTI)
             elif op == ZEXT or op == SEXT:
@@ -530,18 +458,18 @@ def run(
             elif op == CRC32:
                 r[a] = _crc(int64(r[a]), int64(r[b]), 32, int64(r[c]))
             elif op == DIVU or op == REMU:
-                took = DIVISION * period
+                took = st.DIVISION * period
                 if r[c] == 0:
-                    fault = ARITHMETIC
+                    fault = st.ARITHMETIC
                 elif op == DIVU:
                     r[a] = int64(r[b]) // int64(r[c])
                 else:
                     r[a] = int64(r[b]) % int64(r[c])
             elif op == DIVS or op == REMS:
-                took = DIVISION * period
+                took = st.DIVISION * period
                 dividend, divisor = int64(int32(r[b])), int64(int32(r[c]))
                 if divisor == 0 or (dividend == -0x80000000 and divisor == -1):
-                    fault = ARITHMETIC
+                    fault = st.ARITHMETIC
                 else:
                     quotient = abs(dividend) // abs(divisor)
                     if (dividend < 0) != (divisor < 0):
@@ -563,9 +491,9 @@ def run(
                     r[d] = vd
                     r[a] = vb >> 8
                 elif op == LDIVU:
-                    took = DIVISION * period
+                    took = st.DIVISION * period
                     if ve >= vc:
-                        fault = ARITHMETIC
+                        fault = st.ARITHMETIC
                     else:
                         dividend = uint64(ve) << uint64(32) | uint64(vb)
                         r[d] = dividend % uint64(vc)
@@ -588,42 +516,42 @@ def run(
                 p = find_port(int64(r[b]))
                 if now > start and now >= other:
                     break
-                s[LAST] = now
-                s[row + ISSUED] = now
-                place = PORT + p * PORT_ROW
-                owned = s[RESOURCE + (PORT_0 + p) * RESOURCE_ROW + OWNER] == t
+                s[st.LAST] = now
+                s[row + st.ISSUED] = now
+                place = st.PORT + p * st.PORT_ROW
+                owned = s[st.RESOURCE + (st.PORT_0 + p) * st.RESOURCE_ROW + st.OWNER] == t
                 if owned and bring_up(s, log, p, now):
-                    if s[place + FULL] != 0:
-                        s[row + PC] = i
-                        pause(s, t, FOR_OUTPUT, PORT_0 + p, free_after(s, place))
-                        now = s[READY + t]
+                    if s[place + st.FULL] != 0:
+                        s[row + st.PC] = i
+                        pause(s, t, st.FOR_OUTPUT, st.PORT_0 + p, free_after(s, place))
+                        now = s[st.READY + t]
                         break
-                    s[place + TRANSFER] = int64(r[a]) & (1 << s[place + TRANSFER_WIDTH]) - 1
-                    s[place + FULL] = 1
+                    s[place + st.TRANSFER] = int64(r[a]) & (1 << s[place + st.TRANSFER_WIDTH]) - 1
+                    s[place + st.FULL] = 1
                 else:
-                    s[row + PC] = i
+                    s[row + st.PC] = i
                     did = act(s, regs, words, processor, inbox, outbox, pins, log, t, now, op, a, b, imm, n)
-                    if did == PAUSE:
-                        now = s[READY + t]
+                    if did == st.PAUSE:
+                        now = s[st.READY + t]
                         break
-                    if did == TRAP:
-                        fault, data = s[FAULT], s[FAULT_DATA]
-            elif op == NOT_DECODED:
-                s[UNDECODED_AT] = i
-                stop = UNDECODED
+                    if did == st.TRAP:
+                        fault, data = s[st.FAULT], s[st.FAULT_DATA]
+            elif op == st.NOT_DECODED:
+                s[st.UNDECODED_AT] = i
+                stop = st.UNDECODED
                 break
-            elif op == OUTSIDE_RAM:
-                fault, data = ILLEGAL_PC, RAM + 2 * i
+            elif op == st.OUTSIDE_RAM:
+                fault, data = st.ILLEGAL_PC, st.RAM + 2 * i
             elif op > 251:
-                fault = ILLEGAL_INSTRUCTION
+                fault = st.ILLEGAL_INSTRUCTION
             else:
                 if now > start and now >= other:
                     break
-                s[LAST] = now
-                s[row + ISSUED] = now
-                s[row + PC] = i
+                s[st.LAST] = now
+                s[row + st.ISSUED] = now
+                s[row + st.PC] = i
                 did = act(s, regs, words, processor, inbox, outbox, pins, log, t, now, op, a, b, imm, n)
-                if did == DONE or did == SENT:
+                if did == st.DONE or did == st.SENT:
                     if pessimistic:
                         following = n
                         if fetched - n <= 2:
@@ -633,33 +561,33 @@ def run(
                     count += 1
                     i = n
                     now += period
-                    if did == SENT:
-                        stop = MESSAGE
+                    if did == st.SENT:
+                        stop = st.MESSAGE
                         cycle = now - period
                     break
-                if did == PAUSE:
-                    now = s[READY + t]
+                if did == st.PAUSE:
+                    now = s[st.READY + t]
                     break
-                if did == TRAP:
-                    fault, data = s[FAULT], s[FAULT_DATA]
+                if did == st.TRAP:
+                    fault, data = s[st.FAULT], s[st.FAULT_DATA]
                 else:
                     if profiled:
                         profile[i] += 1
                     count += 1
                     following = -1
-                    i = s[row + PC]
-                    now = s[READY + t] if did == GONE else now + period
+                    i = s[row + st.PC]
+                    now = s[st.READY + t] if did == st.GONE else now + period
                     break
             if fault != 0:
                 data &= WORD
-                n = enter(regs, k, RAM + 2 * i, fault, data)
+                n = enter(regs, k, st.RAM + 2 * i, fault, data)
                 following = -1
                 if n < 0:
-                    s[FAULT], s[FAULT_DATA], s[FAULT_THREAD] = fault, data, t
-                    s[FAULT_PC], s[FAULT_CYCLE] = RAM + 2 * i, now
-                    s[STATE + t] = TRAPPED
-                    stop = UNHANDLED
-                    now = NEVER
+                    s[st.FAULT], s[st.FAULT_DATA], s[st.FAULT_THREAD] = fault, data, t
+                    s[st.FAULT_PC], s[st.FAULT_CYCLE] = st.RAM + 2 * i, now
+                    s[st.STATE + t] = st.TRAPPED
+                    stop = st.UNHANDLED
+                    now = st.NEVER
                     break
                 count += 1
                 i = n
@@ -677,18 +605,18 @@ def run(
             count += 1
             i = n
             now += took
-        s[row + PC] = i
-        s[READY + t] = now
-        s[row + FETCHED], s[row + NEXT] = fetched, following
+        s[row + st.PC] = i
+        s[st.READY + t] = now
+        s[row + st.FETCHED], s[row + st.NEXT] = fetched, following
         if general:
-            s[LAST] = max(s[LAST], start)
-        if stop != REACHED:
+            s[st.LAST] = max(s[st.LAST], start)
+        if stop != st.REACHED:
             break
-    s[COUNT] += count
-    if stop == UNDECODED or stop == UNHANDLED:
-        cycle = until if stop == UNDECODED else min(until, s[FAULT_CYCLE])
-        for u in range(THREADS):
-            cycle = min(cycle, s[READY + u] - 1)
-    s[CYCLE] = max(s[CYCLE], cycle)
-    flush(s, regs, pins, log, s[CYCLE])
+    s[st.COUNT] += count
+    if stop == st.UNDECODED or stop == st.UNHANDLED:
+        cycle = until if stop == st.UNDECODED else min(until, s[st.FAULT_CYCLE])
+        for u in range(st.THREADS):
+            cycle = min(cycle, s[st.READY + u] - 1)
+    s[st.CYCLE] = max(s[st.CYCLE], cycle)
+    flush(s, regs, pins, log, s[st.CYCLE])
     return stop

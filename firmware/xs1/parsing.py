@@ -190,7 +190,7 @@ class JumpTable(Item):
     Parameters
     ----------
     width : int
-        Of each entry, in bytes.
+        Width of each entry, bytes.
     targets : list of Expression
     far : list of int
         Entries that reach their target by a longer branch after the table, found while the program is linked.

@@ -11,62 +11,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from . import state as st
 from .compiled import part
-from .state import (
-    ALWAYS,
-    AWAITED,
-    BUFFERED,
-    CLOCK,
-    CLOCK_OF,
-    CLOCK_ROW,
-    CONDITION,
-    COUNTER,
-    DRIVEN,
-    EDGE,
-    EEBLE,
-    ENABLED,
-    ENTRIES,
-    EQUAL,
-    FALLING,
-    FROM_PORT,
-    FULL,
-    HALF,
-    HOLD,
-    IEBLE,
-    INTERRUPT,
-    INVERTED,
-    LEVEL,
-    LOGGED,
-    NEVER,
-    OUTPUT,
-    OWNER,
-    PINS,
-    PINS_END,
-    PINS_FIRST,
-    PORT,
-    PORT_0,
-    PORT_DATA,
-    PORT_ROW,
-    PORT_TIME,
-    PORTS,
-    REGISTER_ROW,
-    RESOURCE,
-    RESOURCE_ROW,
-    RUNS,
-    SHIFT,
-    SHIFT_COUNT,
-    SR,
-    STAMP,
-    STARTED,
-    TIMED,
-    TRANSFER,
-    TRANSFER_WIDTH,
-    TURNING,
-    USED,
-    VALID,
-    WATCHED,
-    WIDTH,
-)
 
 __all__ = [
     "attach", "bring_up", "drained_after", "free_after", "input_after", "input_is_ready", "output_after", "restart",
@@ -82,16 +28,16 @@ def _mask(width: int) -> int:
 @part
 def _seen(s: Any, b: int) -> int:
     """The input pins as the port reads them."""
-    return s[b + PINS] ^ s[b + INVERTED]
+    return s[b + st.PINS] ^ s[b + st.INVERTED]
 
 
 @part
 def _agrees(s: Any, b: int, value: int) -> bool:
     """Whether a value meets the port's condition."""
-    condition = s[b + CONDITION]
-    if condition == ALWAYS:
+    condition = s[b + st.CONDITION]
+    if condition == st.ALWAYS:
         return True
-    return (value == s[b + PORT_DATA]) == (condition == EQUAL)
+    return (value == s[b + st.PORT_DATA]) == (condition == st.EQUAL)
 
 
 @part
@@ -105,66 +51,66 @@ def input_is_ready(s: Any, b: int) -> bool:
     b : int
         Where the row of the port begins.
     """
-    if s[b + FULL] == 0 or (s[b + TIMED] != 0 and s[b + STAMP] != s[b + PORT_TIME]):
+    if s[b + st.FULL] == 0 or (s[b + st.TIMED] != 0 and s[b + st.STAMP] != s[b + st.PORT_TIME]):
         return False
-    return s[b + CONDITION] == ALWAYS or (s[b + BUFFERED] == 0 and _agrees(s, b, s[b + TRANSFER]))
+    return s[b + st.CONDITION] == st.ALWAYS or (s[b + st.BUFFERED] == 0 and _agrees(s, b, s[b + st.TRANSFER]))
 
 
 @part
 def _awaited(s: Any, regs: Any, p: int, b: int) -> bool:
     """Whether a thread pauses for input, or may have an event of the port."""
-    if s[b + AWAITED] != 0:
+    if s[b + st.AWAITED] != 0:
         return True
-    e = RESOURCE + (PORT_0 + p) * RESOURCE_ROW
-    if s[e + ENABLED] == 0:
+    e = st.RESOURCE + (st.PORT_0 + p) * st.RESOURCE_ROW
+    if s[e + st.ENABLED] == 0:
         return False
-    return (regs[s[e + OWNER] * REGISTER_ROW + SR] & (IEBLE if s[e + INTERRUPT] != 0 else EEBLE)) != 0
+    return (regs[s[e + st.OWNER] * st.REGISTER_ROW + st.SR] & (st.IEBLE if s[e + st.INTERRUPT] != 0 else st.EEBLE)) != 0
 
 
 @part
 def _drive(s: Any, log: Any, p: int, b: int, cycle: int) -> None:
     """Put the shift register on the pins, and into the log if they are watched and change."""
     value = 0
-    if s[b + OUTPUT] != 0:
-        value = (s[b + SHIFT] & _mask(s[b + WIDTH])) ^ s[b + INVERTED]
-    if value == s[b + DRIVEN]:
+    if s[b + st.OUTPUT] != 0:
+        value = (s[b + st.SHIFT] & _mask(s[b + st.WIDTH])) ^ s[b + st.INVERTED]
+    if value == s[b + st.DRIVEN]:
         return
-    s[b + DRIVEN] = value
-    if s[b + WATCHED] != 0:
-        n = s[LOGGED]
+    s[b + st.DRIVEN] = value
+    if s[b + st.WATCHED] != 0:
+        n = s[st.LOGGED]
         log[n, 0] = p
         log[n, 1] = cycle
         log[n, 2] = value
-        s[LOGGED] = n + 1
+        s[st.LOGGED] = n + 1
 
 
 @part
 def _output_falls(s: Any, log: Any, p: int, b: int, cycle: int) -> None:
     """A falling edge of an output."""
-    s[b + COUNTER] = (s[b + COUNTER] + 1) & 0xFFFF
+    s[b + st.COUNTER] = (s[b + st.COUNTER] + 1) & 0xFFFF
     drives = True
-    if s[b + TIMED] != 0 and s[b + COUNTER] == s[b + PORT_TIME]:
-        drives = s[b + FULL] != 0
-        s[b + TIMED] = 0
-        s[b + VALID] = 0
-    if s[b + VALID] > 0:
-        s[b + VALID] -= 1
-    if s[b + VALID] > 0:
-        width, whole = s[b + WIDTH], s[b + TRANSFER_WIDTH]
-        shift = s[b + SHIFT]
-        s[b + SHIFT] = shift >> width | shift >> (whole - width) << (whole - width)
-    elif s[b + TIMED] == 0:
-        if s[b + FULL] != 0:
-            s[b + VALID] = s[b + SHIFT_COUNT]
-            s[b + SHIFT_COUNT] = s[b + ENTRIES]
-            s[b + SHIFT] = s[b + TRANSFER]
-            s[b + STAMP] = s[b + COUNTER]
-            s[b + FULL] = 0
-        elif s[b + TURNING] != 0:
-            s[b + TURNING] = 0
+    if s[b + st.TIMED] != 0 and s[b + st.COUNTER] == s[b + st.PORT_TIME]:
+        drives = s[b + st.FULL] != 0
+        s[b + st.TIMED] = 0
+        s[b + st.VALID] = 0
+    if s[b + st.VALID] > 0:
+        s[b + st.VALID] -= 1
+    if s[b + st.VALID] > 0:
+        width, whole = s[b + st.WIDTH], s[b + st.TRANSFER_WIDTH]
+        shift = s[b + st.SHIFT]
+        s[b + st.SHIFT] = shift >> width | shift >> (whole - width) << (whole - width)
+    elif s[b + st.TIMED] == 0:
+        if s[b + st.FULL] != 0:
+            s[b + st.VALID] = s[b + st.SHIFT_COUNT]
+            s[b + st.SHIFT_COUNT] = s[b + st.ENTRIES]
+            s[b + st.SHIFT] = s[b + st.TRANSFER]
+            s[b + st.STAMP] = s[b + st.COUNTER]
+            s[b + st.FULL] = 0
+        elif s[b + st.TURNING] != 0:
+            s[b + st.TURNING] = 0
             drives = False
     if not drives:
-        s[b + OUTPUT] = 0
+        s[b + st.OUTPUT] = 0
     _drive(s, log, p, b, cycle)
 
 
@@ -172,21 +118,21 @@ def _output_falls(s: Any, log: Any, p: int, b: int, cycle: int) -> None:
 def _outputs(s: Any, log: Any, p: int, b: int, origin: int, period: int, first: int, last: int) -> int:
     """Falling edges of an output, numbered from 1, after `first` up to `last`; returns the last that was one."""
     while first < last:
-        if s[b + VALID] == 0 and s[b + TURNING] == 0:
-            if s[b + TIMED] != 0:
-                quiet = (s[b + PORT_TIME] - s[b + COUNTER] - 1) & 0xFFFF
+        if s[b + st.VALID] == 0 and s[b + st.TURNING] == 0:
+            if s[b + st.TIMED] != 0:
+                quiet = (s[b + st.PORT_TIME] - s[b + st.COUNTER] - 1) & 0xFFFF
                 quiet = min(quiet, last - first)
-            elif s[b + FULL] == 0:
+            elif s[b + st.FULL] == 0:
                 quiet = last - first
             else:
                 quiet = 0
-            s[b + COUNTER] = (s[b + COUNTER] + quiet) & 0xFFFF
+            s[b + st.COUNTER] = (s[b + st.COUNTER] + quiet) & 0xFFFF
             first += quiet
             if first == last:
                 break
         first += 1
         _output_falls(s, log, p, b, origin + first * period)
-        if s[b + OUTPUT] == 0:
+        if s[b + st.OUTPUT] == 0:
             break
     return first
 
@@ -194,79 +140,79 @@ def _outputs(s: Any, log: Any, p: int, b: int, origin: int, period: int, first: 
 @part
 def _sample(s: Any, b: int, awaited: bool) -> None:
     """A sampling edge of an input."""
-    width, whole = s[b + WIDTH], s[b + TRANSFER_WIDTH]
+    width, whole = s[b + st.WIDTH], s[b + st.TRANSFER_WIDTH]
     pins = _seen(s, b)
-    s[b + SHIFT] = s[b + SHIFT] >> width | pins << (whole - width)
-    s[b + VALID] += 1
-    if s[b + BUFFERED] != 0:
-        in_time = s[b + TIMED] != 0 and s[b + COUNTER] == s[b + PORT_TIME]
-        asked = in_time or (s[b + TIMED] == 0 and s[b + CONDITION] != ALWAYS)
-        if awaited and asked and s[b + HOLD] == 0 and _agrees(s, b, pins):
-            s[b + VALID] = s[b + SHIFT_COUNT]
-            s[b + FULL] = 0
-            s[b + TIMED] = 0
-            s[b + CONDITION] = ALWAYS
+    s[b + st.SHIFT] = s[b + st.SHIFT] >> width | pins << (whole - width)
+    s[b + st.VALID] += 1
+    if s[b + st.BUFFERED] != 0:
+        in_time = s[b + st.TIMED] != 0 and s[b + st.COUNTER] == s[b + st.PORT_TIME]
+        asked = in_time or (s[b + st.TIMED] == 0 and s[b + st.CONDITION] != st.ALWAYS)
+        if awaited and asked and s[b + st.HOLD] == 0 and _agrees(s, b, pins):
+            s[b + st.VALID] = s[b + st.SHIFT_COUNT]
+            s[b + st.FULL] = 0
+            s[b + st.TIMED] = 0
+            s[b + st.CONDITION] = st.ALWAYS
         elif in_time:
-            s[b + TIMED] = 0
-    if s[b + VALID] != s[b + SHIFT_COUNT]:
+            s[b + st.TIMED] = 0
+    if s[b + st.VALID] != s[b + st.SHIFT_COUNT]:
         return
-    s[b + VALID] = 0
-    if s[b + HOLD] != 0:
+    s[b + st.VALID] = 0
+    if s[b + st.HOLD] != 0:
         return
-    s[b + SHIFT_COUNT] = s[b + ENTRIES]
-    s[b + TRANSFER] = s[b + SHIFT]
-    s[b + STAMP] = s[b + COUNTER]
-    s[b + FULL] = 1
+    s[b + st.SHIFT_COUNT] = s[b + st.ENTRIES]
+    s[b + st.TRANSFER] = s[b + st.SHIFT]
+    s[b + st.STAMP] = s[b + st.COUNTER]
+    s[b + st.FULL] = 1
     if input_is_ready(s, b):
-        if s[b + BUFFERED] == 0 and (awaited or s[b + TIMED] != 0):
-            s[b + HOLD] = 1  # what met time or condition, until it is taken
-        s[b + TIMED] = 0
+        if s[b + st.BUFFERED] == 0 and (awaited or s[b + st.TIMED] != 0):
+            s[b + st.HOLD] = 1  # what met time or condition, until it is taken
+        s[b + st.TIMED] = 0
 
 
 @part
 def _input_edge(s: Any, b: int, falls: bool, awaited: bool) -> None:
     if falls:
-        s[b + COUNTER] = (s[b + COUNTER] + 1) & 0xFFFF
-    if falls == (s[b + FALLING] != 0):
+        s[b + st.COUNTER] = (s[b + st.COUNTER] + 1) & 0xFFFF
+    if falls == (s[b + st.FALLING] != 0):
         _sample(s, b, awaited)
 
 
 @part
 def _plain_inputs(s: Any, b: int, first: int, last: int, awaited: bool) -> None:
     """Half periods after `first` up to `last` of an unbuffered input, whose pins do not change."""
-    count, odd = s[b + COUNTER], 1 - s[b + FALLING]
-    if s[b + HOLD] == 0:
+    count, odd = s[b + st.COUNTER], 1 - s[b + st.FALLING]
+    if s[b + st.HOLD] == 0:
         sampling = last - 1 + (last & 1 if odd else 1 - (last & 1))
-        if awaited and s[b + TIMED] == 0 and _agrees(s, b, _seen(s, b)):
+        if awaited and s[b + st.TIMED] == 0 and _agrees(s, b, _seen(s, b)):
             sampling = first + 1 + (first & 1 if odd else 1 - (first & 1))
-        if s[b + TIMED] != 0:
-            timed = 2 * ((first >> 1) + ((s[b + PORT_TIME] - count) & 0xFFFF)) + odd
+        if s[b + st.TIMED] != 0:
+            timed = 2 * ((first >> 1) + ((s[b + st.PORT_TIME] - count) & 0xFFFF)) + odd
             if timed <= first:
                 timed += 1 << 17
             if timed <= last:
-                s[b + COUNTER] = (count + (timed >> 1) - (first >> 1)) & 0xFFFF
+                s[b + st.COUNTER] = (count + (timed >> 1) - (first >> 1)) & 0xFFFF
                 _sample(s, b, awaited)
-        if first < sampling <= last and s[b + HOLD] == 0:
-            s[b + COUNTER] = (count + (sampling >> 1) - (first >> 1)) & 0xFFFF
+        if first < sampling <= last and s[b + st.HOLD] == 0:
+            s[b + st.COUNTER] = (count + (sampling >> 1) - (first >> 1)) & 0xFFFF
             _sample(s, b, awaited)
-    s[b + COUNTER] = (count + (last >> 1) - (first >> 1)) & 0xFFFF
+    s[b + st.COUNTER] = (count + (last >> 1) - (first >> 1)) & 0xFFFF
 
 
 @part
 def _inputs(s: Any, b: int, first: int, last: int, awaited: bool) -> None:
     """Half periods after `first` up to `last` of an input, whose pins do not change."""
-    if s[b + BUFFERED] == 0:
+    if s[b + st.BUFFERED] == 0:
         _plain_inputs(s, b, first, last, awaited)
         return
-    settled = first + 4 * s[b + ENTRIES] + 2
+    settled = first + 4 * s[b + st.ENTRIES] + 2
     while first < last:
-        if first >= settled and not awaited and s[b + TIMED] == 0:
-            entries = s[b + SHIFT_COUNT] if s[b + HOLD] != 0 else s[b + ENTRIES]
+        if first >= settled and not awaited and s[b + st.TIMED] == 0:
+            entries = s[b + st.SHIFT_COUNT] if s[b + st.HOLD] != 0 else s[b + st.ENTRIES]
             rounds = (last - first) // (2 * entries)
             quiet = rounds * entries
-            s[b + COUNTER] = (s[b + COUNTER] + quiet) & 0xFFFF
-            if s[b + HOLD] == 0:
-                s[b + STAMP] = (s[b + STAMP] + quiet) & 0xFFFF
+            s[b + st.COUNTER] = (s[b + st.COUNTER] + quiet) & 0xFFFF
+            if s[b + st.HOLD] == 0:
+                s[b + st.STAMP] = (s[b + st.STAMP] + quiet) & 0xFFFF
             first += 2 * quiet
             settled = last
             if first == last:
@@ -278,33 +224,33 @@ def _inputs(s: Any, b: int, first: int, last: int, awaited: bool) -> None:
 @part
 def _advance(s: Any, regs: Any, pins: Any, log: Any, p: int, b: int, now: int) -> None:
     """Let edges of a port's clock take effect, up to a cycle until which its pins do not change."""
-    c = CLOCK + s[b + CLOCK_OF] * CLOCK_ROW
-    if s[RESOURCE + (PORT_0 + p) * RESOURCE_ROW + USED] == 0 or s[c + RUNS] == 0:
+    c = st.CLOCK + s[b + st.CLOCK_OF] * st.CLOCK_ROW
+    if s[st.RESOURCE + (st.PORT_0 + p) * st.RESOURCE_ROW + st.USED] == 0 or s[c + st.RUNS] == 0:
         return
-    source = s[c + FROM_PORT]
+    source = s[c + st.FROM_PORT]
     if source < 0:
-        half, origin = s[c + HALF], s[c + STARTED]
+        half, origin = s[c + st.HALF], s[c + st.STARTED]
         last = (now - origin) // half
-        first = s[b + EDGE]
+        first = s[b + st.EDGE]
         while first < last:
-            if s[b + OUTPUT] != 0:
+            if s[b + st.OUTPUT] != 0:
                 fallen = _outputs(s, log, p, b, origin, 2 * half, first >> 1, last >> 1)
-                first = last if fallen == last >> 1 and s[b + OUTPUT] != 0 else 2 * fallen
+                first = last if fallen == last >> 1 and s[b + st.OUTPUT] != 0 else 2 * fallen
             else:
                 _inputs(s, b, first, last, _awaited(s, regs, p, b))
                 first = last
-        s[b + EDGE] = max(first, last)
+        s[b + st.EDGE] = max(first, last)
         return
-    q = PORT + source * PORT_ROW
-    while s[b + EDGE] < s[q + PINS_END] and pins[source, s[b + EDGE], 0] <= now:
-        level = (pins[source, s[b + EDGE], 1] ^ s[q + INVERTED]) & 1
-        if level != s[b + LEVEL]:
-            s[b + LEVEL] = level
-            if s[b + OUTPUT] == 0:
+    q = st.PORT + source * st.PORT_ROW
+    while s[b + st.EDGE] < s[q + st.PINS_END] and pins[source, s[b + st.EDGE], 0] <= now:
+        level = (pins[source, s[b + st.EDGE], 1] ^ s[q + st.INVERTED]) & 1
+        if level != s[b + st.LEVEL]:
+            s[b + st.LEVEL] = level
+            if s[b + st.OUTPUT] == 0:
                 _input_edge(s, b, level == 0, _awaited(s, regs, p, b))
             elif level == 0:
-                _output_falls(s, log, p, b, pins[source, s[b + EDGE], 0])
-        s[b + EDGE] += 1
+                _output_falls(s, log, p, b, pins[source, s[b + st.EDGE], 0])
+        s[b + st.EDGE] += 1
 
 
 @part
@@ -313,19 +259,19 @@ def bring_up(s: Any, log: Any, p: int, now: int) -> bool:
 
     Nearly all that a port does in a field is this, so it is worth a shorter way.
     """
-    b = PORT + p * PORT_ROW
-    if s[b + OUTPUT] == 0 or s[b + ENTRIES] != 1 or s[b + TIMED] != 0 or s[b + TURNING] != 0:
+    b = st.PORT + p * st.PORT_ROW
+    if s[b + st.OUTPUT] == 0 or s[b + st.ENTRIES] != 1 or s[b + st.TIMED] != 0 or s[b + st.TURNING] != 0:
         return False
-    c = CLOCK + s[b + CLOCK_OF] * CLOCK_ROW
-    if s[c + RUNS] == 0 or s[c + FROM_PORT] >= 0 or s[b + PINS_FIRST] != s[b + PINS_END]:
+    c = st.CLOCK + s[b + st.CLOCK_OF] * st.CLOCK_ROW
+    if s[c + st.RUNS] == 0 or s[c + st.FROM_PORT] >= 0 or s[b + st.PINS_FIRST] != s[b + st.PINS_END]:
         return False
-    period, origin, first = 2 * s[c + HALF], s[c + STARTED], s[b + EDGE] >> 1
+    period, origin, first = 2 * s[c + st.HALF], s[c + st.STARTED], s[b + st.EDGE] >> 1
     passed = now - origin - first * period
     if passed < period:
         return True
     last = first + 1 if passed < 2 * period else first + passed // period
     _outputs(s, log, p, b, origin, period, first, last)
-    s[b + EDGE] = 2 * last
+    s[b + st.EDGE] = 2 * last
     return True
 
 
@@ -348,107 +294,107 @@ def update(s: Any, regs: Any, pins: Any, log: Any, p: int, now: int) -> None:
     now : int
         Not before any cycle to which the port was brought up.
     """
-    b = PORT + p * PORT_ROW
-    while s[b + PINS_FIRST] < s[b + PINS_END]:
-        change = pins[p, s[b + PINS_FIRST], 0]
+    b = st.PORT + p * st.PORT_ROW
+    while s[b + st.PINS_FIRST] < s[b + st.PINS_END]:
+        change = pins[p, s[b + st.PINS_FIRST], 0]
         if change > now:
             break
         _advance(s, regs, pins, log, p, b, change - 1)
-        s[b + PINS] = pins[p, s[b + PINS_FIRST], 1]
-        s[b + PINS_FIRST] += 1
+        s[b + st.PINS] = pins[p, s[b + st.PINS_FIRST], 1]
+        s[b + st.PINS_FIRST] += 1
     _advance(s, regs, pins, log, p, b, now)
 
 
 @part
 def attach(s: Any, regs: Any, pins: Any, log: Any, p: int, now: int) -> None:
     """Let a port follow its clock from now on. Its counter is left alone."""
-    b = PORT + p * PORT_ROW
-    c = CLOCK + s[b + CLOCK_OF] * CLOCK_ROW
-    source = s[c + FROM_PORT]
+    b = st.PORT + p * st.PORT_ROW
+    c = st.CLOCK + s[b + st.CLOCK_OF] * st.CLOCK_ROW
+    source = s[c + st.FROM_PORT]
     if source >= 0:
         update(s, regs, pins, log, source, now)
-        q = PORT + source * PORT_ROW
-        s[b + EDGE] = s[q + PINS_FIRST]
-        s[b + LEVEL] = _seen(s, q) & 1
+        q = st.PORT + source * st.PORT_ROW
+        s[b + st.EDGE] = s[q + st.PINS_FIRST]
+        s[b + st.LEVEL] = _seen(s, q) & 1
     else:
-        s[b + EDGE] = (now - s[c + STARTED]) // s[c + HALF] if s[c + RUNS] != 0 else 0
+        s[b + st.EDGE] = (now - s[c + st.STARTED]) // s[c + st.HALF] if s[c + st.RUNS] != 0 else 0
 
 
 @part
 def touch(s: Any, regs: Any, pins: Any, log: Any, clock: int, now: int) -> None:
     """Bring all ports of a clock block up to now, before it changes."""
-    for p in range(PORTS):
-        if s[PORT + p * PORT_ROW + CLOCK_OF] == clock:
+    for p in range(st.PORTS):
+        if s[st.PORT + p * st.PORT_ROW + st.CLOCK_OF] == clock:
             update(s, regs, pins, log, p, now)
 
 
 @part
 def restart(s: Any, regs: Any, pins: Any, log: Any, clock: int, now: int) -> None:
     """Let all ports of a clock block follow it from now on, after it changed."""
-    for p in range(PORTS):
-        if s[PORT + p * PORT_ROW + CLOCK_OF] == clock:
+    for p in range(st.PORTS):
+        if s[st.PORT + p * st.PORT_ROW + st.CLOCK_OF] == clock:
             attach(s, regs, pins, log, p, now)
 
 
 @part
 def _edge_after(s: Any, pins: Any, b: int, now: int, half_periods: int) -> int:
     """When a half period ends, counted from the start of a port's clock; any edge, if the clock is a port."""
-    c = CLOCK + s[b + CLOCK_OF] * CLOCK_ROW
-    if s[c + RUNS] == 0:
-        return NEVER
-    source = s[c + FROM_PORT]
+    c = st.CLOCK + s[b + st.CLOCK_OF] * st.CLOCK_ROW
+    if s[c + st.RUNS] == 0:
+        return st.NEVER
+    source = s[c + st.FROM_PORT]
     if source < 0:
-        return s[c + STARTED] + half_periods * s[c + HALF]
-    if s[b + EDGE] < s[PORT + source * PORT_ROW + PINS_END]:
-        return max(now + 1, pins[source, s[b + EDGE], 0])
-    return NEVER
+        return s[c + st.STARTED] + half_periods * s[c + st.HALF]
+    if s[b + st.EDGE] < s[st.PORT + source * st.PORT_ROW + st.PINS_END]:
+        return max(now + 1, pins[source, s[b + st.EDGE], 0])
+    return st.NEVER
 
 
 @part
 def free_after(s: Any, b: int) -> int:
     """When the transfer register of a port that `bring_up` brings up, and which is full now, becomes free."""
-    c = CLOCK + s[b + CLOCK_OF] * CLOCK_ROW
-    return s[c + STARTED] + 2 * ((s[b + EDGE] >> 1) + 1) * s[c + HALF]
+    c = st.CLOCK + s[b + st.CLOCK_OF] * st.CLOCK_ROW
+    return s[c + st.STARTED] + 2 * ((s[b + st.EDGE] >> 1) + 1) * s[c + st.HALF]
 
 
 @part
 def output_after(s: Any, pins: Any, b: int, now: int) -> int:
     """When the transfer register of an output, which is full now, becomes free."""
-    fallen = s[b + EDGE] >> 1
-    if s[b + TIMED] != 0:
-        fallen += ((s[b + PORT_TIME] - s[b + COUNTER] - 1) & 0xFFFF) + 1
+    fallen = s[b + st.EDGE] >> 1
+    if s[b + st.TIMED] != 0:
+        fallen += ((s[b + st.PORT_TIME] - s[b + st.COUNTER] - 1) & 0xFFFF) + 1
     else:
-        fallen += max(s[b + VALID], 1)
+        fallen += max(s[b + st.VALID], 1)
     return _edge_after(s, pins, b, now, 2 * fallen)
 
 
 @part
 def drained_after(s: Any, pins: Any, b: int, now: int) -> int:
     """When to look again whether an output has nothing left to send."""
-    return _edge_after(s, pins, b, now, 2 * ((s[b + EDGE] >> 1) + 1))
+    return _edge_after(s, pins, b, now, 2 * ((s[b + st.EDGE] >> 1) + 1))
 
 
 @part
 def input_after(s: Any, pins: Any, p: int, now: int) -> int:
     """When to look again whether a port has the input that is waited for, which it has not now."""
-    b = PORT + p * PORT_ROW
-    edge = s[b + EDGE]
-    if s[b + OUTPUT] != 0:
+    b = st.PORT + p * st.PORT_ROW
+    edge = s[b + st.EDGE]
+    if s[b + st.OUTPUT] != 0:
         return drained_after(s, pins, b, now)
-    odd = 1 - s[b + FALLING]
-    change = NEVER
-    if s[b + PINS_FIRST] < s[b + PINS_END]:
-        change = pins[p, s[b + PINS_FIRST], 0]
-    if s[b + TIMED] != 0:
-        sampling = 2 * ((edge >> 1) + ((s[b + PORT_TIME] - s[b + COUNTER]) & 0xFFFF)) + odd
+    odd = 1 - s[b + st.FALLING]
+    change = st.NEVER
+    if s[b + st.PINS_FIRST] < s[b + st.PINS_END]:
+        change = pins[p, s[b + st.PINS_FIRST], 0]
+    if s[b + st.TIMED] != 0:
+        sampling = 2 * ((edge >> 1) + ((s[b + st.PORT_TIME] - s[b + st.COUNTER]) & 0xFFFF)) + odd
         if sampling <= edge:
             sampling += 1 << 17
-        if s[b + BUFFERED] != 0:
+        if s[b + st.BUFFERED] != 0:
             sampling = min(sampling, edge + 1)
         return _edge_after(s, pins, b, now, sampling)
     sampling = edge + 1 + (edge & 1 if odd else 1 - (edge & 1))
-    if s[b + BUFFERED] != 0 and s[b + CONDITION] == ALWAYS:
-        missing = max(s[b + SHIFT_COUNT] - s[b + VALID], 1)
+    if s[b + st.BUFFERED] != 0 and s[b + st.CONDITION] == st.ALWAYS:
+        missing = max(s[b + st.SHIFT_COUNT] - s[b + st.VALID], 1)
         return _edge_after(s, pins, b, now, sampling + 2 * (missing - 1))
     if _agrees(s, b, _seen(s, b)):
         return _edge_after(s, pins, b, now, sampling)

@@ -143,11 +143,11 @@ def read_map(text: str, image: bytes = b"", *, file: str = "map") -> LinkedProgr
     Parameters
     ----------
     text : str
-        As `LinkedProgram.map_text` returns it.
+        A map as `LinkedProgram.map_text` returns it.
     image : bytes
         The program that it is about. Zeros at its end that data which begin as 0 would take may be left out.
     file : str
-        For messages.
+        Name of the file in messages.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-# ruff: noqa: SIM109  # numba compiles a comparison with each of a few reasons, not a search
+# numba compiles a comparison with each of a few reasons, not a search
 # mypy: disable-error-code="no-any-return"
 """Threads' dealings with resources, for the core's kernel: finding them, waiting for them, their events.
 
@@ -12,120 +12,21 @@ from typing import Any
 
 import numpy as np
 
+from . import state as st
 from .channels import absorb, may_send, room_after, word_after, word_is_there
 from .compiled import part
 from .ports import drained_after, input_after, input_is_ready, output_after, update
-from .state import (
-    AFTER,
-    CHANNEL,
-    CHANNEL_0,
-    CHANNEL_ENDS,
-    CHANNEL_ROW,
-    CLAIM,
-    CLOCK_0,
-    CLOCKS,
-    ED,
-    EEBLE,
-    ENABLED,
-    ENVIRONMENT,
-    ET,
-    EVENTS,
-    FOR_CLAIM,
-    FOR_DRAIN,
-    FOR_INPUT,
-    FOR_LINK,
-    FOR_LOCK,
-    FOR_OUTPUT,
-    FOR_ROOM,
-    FOR_TIME,
-    FOR_TOKEN,
-    FOR_WORD,
-    FREE,
-    FULL,
-    GRANTED,
-    HALVES,
-    HOLD,
-    IEBLE,
-    INBOX_END,
-    INBOX_FIRST,
-    INENB,
-    ININT,
-    INK,
-    INTERRUPT,
-    ISSUE,
-    ISSUED,
-    KCALL,
-    KEP,
-    LAST,
-    LIST,
-    LIST_ROW,
-    LOCK,
-    LOCK_0,
-    LOCK_ROW,
-    LOCKS,
-    NEED,
-    NEVER,
-    NEXT,
-    ON,
-    ORDER,
-    OUTPUT,
-    OUTSIDE,
-    OWNER,
-    PAUSED,
-    PC,
-    PORT,
-    PORT_0,
-    PORT_ROW,
-    RAM,
-    READY,
-    REGISTER_ROW,
-    RESOURCE,
-    RESOURCE_ROW,
-    RUNNING,
-    SED,
-    SEQUENCE,
-    SOURCE,
-    SPC,
-    SR,
-    SSR,
-    STATE,
-    SYNC_0,
-    SYNCHRONISERS,
-    THREAD,
-    THREAD_0,
-    THREAD_ROW,
-    THREADS,
-    TIMER,
-    TIMER_0,
-    TIMER_DATA,
-    TIMER_ROW,
-    TIMERS,
-    TOKENS,
-    TYPE_CHANNEL,
-    TYPE_CLOCK,
-    TYPE_LOCK,
-    TYPE_PORT,
-    TYPE_SYNC,
-    TYPE_THREAD,
-    TYPE_TIMER,
-    USED,
-    USED_THREADS,
-    VALID,
-    VECTOR,
-    WAITING,
-    WHY,
-)
 
 __all__ = [
-    "disable", "due_event", "enable", "enter", "find", "find_port", "free_thread", "is_drained", "own", "pause",
-    "settle", "signed", "slot", "take_event", "timer_after", "wake",
+    "disable", "due_event", "enable", "enter", "fault", "find", "find_port", "free_thread", "is_drained", "own",
+    "pause", "settle", "signed", "slot", "take_event", "timer_after", "used", "wake",
 ]  # fmt: skip
 
 
 @part
 def find_port(identifier: int) -> int:
     """The number of a port; -1 if there is none with this identifier."""
-    if identifier & 0xFF != TYPE_PORT:
+    if identifier & 0xFF != st.TYPE_PORT:
         return -1
     width, number = identifier >> 16, identifier >> 8 & 0xFF
     if width == 32 and number < 2:
@@ -145,21 +46,21 @@ def find_port(identifier: int) -> int:
 def find(identifier: int) -> int:
     """The index of a resource, in use or not; -1 if there is none with this identifier."""
     kind, number = identifier & 0xFF, identifier >> 8 & 0xFF
-    if kind == TYPE_PORT:
+    if kind == st.TYPE_PORT:
         port = find_port(identifier)
-        return PORT_0 + port if port >= 0 else -1
-    if kind == TYPE_CHANNEL and number < CHANNEL_ENDS:
-        return CHANNEL_0 + number
-    if kind == TYPE_TIMER and number < TIMERS:
-        return TIMER_0 + number
-    if kind == TYPE_LOCK and number < LOCKS:
-        return LOCK_0 + number
-    if kind == TYPE_SYNC and number < SYNCHRONISERS:
-        return SYNC_0 + number
-    if kind == TYPE_CLOCK and number < CLOCKS:
-        return CLOCK_0 + number
-    if kind == TYPE_THREAD and number < THREADS:
-        return THREAD_0 + number
+        return st.PORT_0 + port if port >= 0 else -1
+    if kind == st.TYPE_CHANNEL and number < st.CHANNEL_ENDS:
+        return st.CHANNEL_0 + number
+    if kind == st.TYPE_TIMER and number < st.TIMERS:
+        return st.TIMER_0 + number
+    if kind == st.TYPE_LOCK and number < st.LOCKS:
+        return st.LOCK_0 + number
+    if kind == st.TYPE_SYNC and number < st.SYNCHRONISERS:
+        return st.SYNC_0 + number
+    if kind == st.TYPE_CLOCK and number < st.CLOCKS:
+        return st.CLOCK_0 + number
+    if kind == st.TYPE_THREAD and number < st.THREADS:
+        return st.THREAD_0 + number
     return -1
 
 
@@ -169,8 +70,8 @@ def _any_slot(s: Any, t: int, now: int, period: int) -> int:
     free = False
     while not free:
         free = True
-        for u in range(THREADS):
-            if s[STATE + u] == RUNNING and u != t and (s[READY + u] - now) % period == 0:
+        for u in range(st.THREADS):
+            if s[st.STATE + u] == st.RUNNING and u != t and (s[st.READY + u] - now) % period == 0:
                 free = False
         now += 0 if free else 1
     return now
@@ -183,18 +84,18 @@ def slot(s: Any, t: int, now: int) -> int:
     If every thread in use can have a slot of its own among `ISSUE` cycles, it is the first cycle, from now on, whose
     slot no running thread has; else it is now, and the thread that waits longest comes first.
     """
-    period = s[ISSUE]
-    now = max(now, s[THREAD + t * THREAD_ROW + ISSUED] + period)
-    if s[USED_THREADS] > period:
+    period = s[st.ISSUE]
+    now = max(now, s[st.THREAD + t * st.THREAD_ROW + st.ISSUED] + period)
+    if s[st.USED_THREADS] > period:
         return now
-    if now <= s[LAST]:
-        now = s[LAST] + 1
+    if now <= s[st.LAST]:
+        now = s[st.LAST] + 1
     if period != 4:
         return _any_slot(s, t, now, period)
     taken = 0
-    for u in range(THREADS):
-        if s[STATE + u] == RUNNING and u != t:
-            taken |= 1 << (s[READY + u] & 3)
+    for u in range(st.THREADS):
+        if s[st.STATE + u] == st.RUNNING and u != t:
+            taken |= 1 << (s[st.READY + u] & 3)
     while taken >> (now & 3) & 1:
         now += 1
     return now
@@ -203,33 +104,37 @@ def slot(s: Any, t: int, now: int) -> int:
 @part
 def free_thread(s: Any, t: int) -> None:
     """End a thread. If all that remain can have slots of their own, they get them."""
-    s[STATE + t] = FREE
-    s[READY + t] = NEVER
-    s[RESOURCE + (THREAD_0 + t) * RESOURCE_ROW + USED] = 0
-    for e in range(TIMER_0, LOCK_0):
-        if s[RESOURCE + e * RESOURCE_ROW + OWNER] == t:
+    s[st.STATE + t] = st.FREE
+    s[st.READY + t] = st.NEVER
+    s[st.RESOURCE + (st.THREAD_0 + t) * st.RESOURCE_ROW + st.USED] = 0
+    for e in range(st.TIMER_0, st.LOCK_0):
+        if s[st.RESOURCE + e * st.RESOURCE_ROW + st.OWNER] == t:
             disable(s, e)
-    s[USED_THREADS] -= 1
-    if s[USED_THREADS] == s[ISSUE]:
+    s[st.USED_THREADS] -= 1
+    if s[st.USED_THREADS] == s[st.ISSUE]:
         settle(s)
 
 
 @part
 def settle(s: Any) -> None:
     """Give each running thread a slot of its own, in the order in which they are ready."""
-    period = s[ISSUE]
+    period = s[st.ISSUE]
     taken, done = 0, 0
-    for _ in range(THREADS):
+    for _ in range(st.THREADS):
         first = -1
-        for u in range(THREADS):
-            if s[STATE + u] == RUNNING and not done >> u & 1 and (first < 0 or s[READY + u] < s[READY + first]):
+        for u in range(st.THREADS):
+            if (
+                s[st.STATE + u] == st.RUNNING
+                and not done >> u & 1
+                and (first < 0 or s[st.READY + u] < s[st.READY + first])
+            ):
                 first = u
         if first < 0:
             return
-        time = max(s[READY + first], s[LAST] + 1)
+        time = max(s[st.READY + first], s[st.LAST] + 1)
         while taken >> time % period & 1:
             time += 1
-        s[READY + first] = time
+        s[st.READY + first] = time
         taken |= 1 << time % period
         done |= 1 << first
 
@@ -237,9 +142,9 @@ def settle(s: Any) -> None:
 @part
 def _list(s: Any, t: int, e: int) -> None:
     """Enter a resource into a thread's list of events."""
-    place = LIST + t * LIST_ROW + s[THREAD + t * THREAD_ROW + EVENTS]
-    s[THREAD + t * THREAD_ROW + EVENTS] += 1
-    while place > LIST + t * LIST_ROW and s[place - 1] > e:
+    place = st.LIST + t * st.LIST_ROW + s[st.THREAD + t * st.THREAD_ROW + st.EVENTS]
+    s[st.THREAD + t * st.THREAD_ROW + st.EVENTS] += 1
+    while place > st.LIST + t * st.LIST_ROW and s[place - 1] > e:
         s[place] = s[place - 1]
         place -= 1
     s[place] = e
@@ -247,43 +152,43 @@ def _list(s: Any, t: int, e: int) -> None:
 
 @part
 def _unlist(s: Any, t: int, e: int) -> None:
-    first = LIST + t * LIST_ROW
-    count = s[THREAD + t * THREAD_ROW + EVENTS]
+    first = st.LIST + t * st.LIST_ROW
+    count = s[st.THREAD + t * st.THREAD_ROW + st.EVENTS]
     kept = 0
     for place in range(count):
         other = s[first + place]
         if other != e:
             s[first + kept] = other
             kept += 1
-    s[THREAD + t * THREAD_ROW + EVENTS] = kept
+    s[st.THREAD + t * st.THREAD_ROW + st.EVENTS] = kept
 
 
 @part
 def enable(s: Any, e: int) -> None:
     """Enable events of a resource for its owner."""
-    r = RESOURCE + e * RESOURCE_ROW
-    if s[r + ENABLED] == 0:
-        s[r + ENABLED] = 1
-        _list(s, s[r + OWNER], e)
+    r = st.RESOURCE + e * st.RESOURCE_ROW
+    if s[r + st.ENABLED] == 0:
+        s[r + st.ENABLED] = 1
+        _list(s, s[r + st.OWNER], e)
 
 
 @part
 def disable(s: Any, e: int) -> None:
     """Disable events of a resource."""
-    r = RESOURCE + e * RESOURCE_ROW
-    if s[r + ENABLED] != 0:
-        s[r + ENABLED] = 0
-        _unlist(s, s[r + OWNER], e)
+    r = st.RESOURCE + e * st.RESOURCE_ROW
+    if s[r + st.ENABLED] != 0:
+        s[r + st.ENABLED] = 0
+        _unlist(s, s[r + st.OWNER], e)
 
 
 @part
 def own(s: Any, e: int, t: int) -> None:
     """Make the thread that uses a resource its owner."""
-    r = RESOURCE + e * RESOURCE_ROW
-    if s[r + OWNER] != t:
-        enabled = s[r + ENABLED]
+    r = st.RESOURCE + e * st.RESOURCE_ROW
+    if s[r + st.OWNER] != t:
+        enabled = s[r + st.ENABLED]
         disable(s, e)
-        s[r + OWNER] = t
+        s[r + st.OWNER] = t
         if enabled != 0:
             enable(s, e)
 
@@ -291,22 +196,22 @@ def own(s: Any, e: int, t: int) -> None:
 @part
 def pause(s: Any, t: int, why: int, e: int, again: int) -> None:
     """Let a thread wait for a resource, and look again at a cycle."""
-    b = THREAD + t * THREAD_ROW
-    s[STATE + t] = PAUSED
-    s[READY + t] = again
-    s[b + WHY] = why
-    s[b + ON] = e
-    s[SEQUENCE] += 1
-    s[b + ORDER] = s[SEQUENCE]
+    b = st.THREAD + t * st.THREAD_ROW
+    s[st.STATE + t] = st.PAUSED
+    s[st.READY + t] = again
+    s[b + st.WHY] = why
+    s[b + st.ON] = e
+    s[st.SEQUENCE] += 1
+    s[b + st.ORDER] = s[st.SEQUENCE]
 
 
 @part
 def timer_after(s: Any, e: int, now: int) -> int:
     """When a timer's condition is met; now or earlier if it is."""
-    b = TIMER + (e - TIMER_0) * TIMER_ROW
-    if s[b + AFTER] == 0:
+    b = st.TIMER + (e - st.TIMER_0) * st.TIMER_ROW
+    if s[b + st.AFTER] == 0:
         return now
-    missing = (s[b + TIMER_DATA] + 1 - (now >> 2)) & 0xFFFFFFFF
+    missing = (s[b + st.TIMER_DATA] + 1 - (now >> 2)) & 0xFFFFFFFF
     if missing == 0 or missing > 0x7FFFFFFF:
         return now
     return ((now >> 2) + missing) << 2
@@ -315,22 +220,22 @@ def timer_after(s: Any, e: int, now: int) -> int:
 @part
 def _event_after(s: Any, regs: Any, inbox: Any, pins: Any, log: Any, e: int, now: int) -> int:
     """When a resource has an event, as far as is known; now or earlier if it has."""
-    if e < CHANNEL_0:
+    if e < st.CHANNEL_0:
         return timer_after(s, e, now)
-    if e < PORT_0:
-        b = CHANNEL + (e - CHANNEL_0) * CHANNEL_ROW
-        absorb(s, inbox, e - CHANNEL_0, now)
-        if s[b + TOKENS] > 0:
+    if e < st.PORT_0:
+        b = st.CHANNEL + (e - st.CHANNEL_0) * st.CHANNEL_ROW
+        absorb(s, inbox, e - st.CHANNEL_0, now)
+        if s[b + st.TOKENS] > 0:
             return now
-        if s[b + INBOX_FIRST] < s[b + INBOX_END]:
-            return max(now + 1, inbox[e - CHANNEL_0, s[b + INBOX_FIRST]] >> 16)
-        return NEVER
-    p = e - PORT_0
+        if s[b + st.INBOX_FIRST] < s[b + st.INBOX_END]:
+            return max(now + 1, inbox[e - st.CHANNEL_0, s[b + st.INBOX_FIRST]] >> 16)
+        return st.NEVER
+    p = e - st.PORT_0
     update(s, regs, pins, log, p, now)
-    b = PORT + p * PORT_ROW
-    if s[b + OUTPUT] == 0 and input_is_ready(s, b):
+    b = st.PORT + p * st.PORT_ROW
+    if s[b + st.OUTPUT] == 0 and input_is_ready(s, b):
         return now
-    return input_after(s, pins, p, now) if s[b + OUTPUT] == 0 else NEVER
+    return input_after(s, pins, p, now) if s[b + st.OUTPUT] == 0 else st.NEVER
 
 
 @part
@@ -344,11 +249,11 @@ def due_event(s: Any, regs: Any, inbox: Any, pins: Any, log: Any, t: int, now: i
     again : int
         Then, when to look again.
     """
-    status = regs[t * REGISTER_ROW + SR]
-    again = NEVER
-    for place in range(s[THREAD + t * THREAD_ROW + EVENTS]):
-        e = s[LIST + t * LIST_ROW + place]
-        permits = IEBLE if s[RESOURCE + e * RESOURCE_ROW + INTERRUPT] != 0 else EEBLE
+    status = regs[t * st.REGISTER_ROW + st.SR]
+    again = st.NEVER
+    for place in range(s[st.THREAD + t * st.THREAD_ROW + st.EVENTS]):
+        e = s[st.LIST + t * st.LIST_ROW + place]
+        permits = st.IEBLE if s[st.RESOURCE + e * st.RESOURCE_ROW + st.INTERRUPT] != 0 else st.EEBLE
         if status & permits:
             time = _event_after(s, regs, inbox, pins, log, e, now)
             if time <= now:
@@ -360,20 +265,20 @@ def due_event(s: Any, regs: Any, inbox: Any, pins: Any, log: Any, t: int, now: i
 @part
 def take_event(s: Any, regs: Any, t: int, e: int) -> None:
     """Let a thread begin at the vector of a resource."""
-    r, b, k = RESOURCE + e * RESOURCE_ROW, THREAD + t * THREAD_ROW, t * REGISTER_ROW
-    status = signed(regs[k + SR]) & ~WAITING
-    if s[r + INTERRUPT] != 0:
-        regs[k + SSR] = status
-        regs[k + SPC] = RAM + 2 * s[b + PC]
-        regs[k + SED] = regs[k + ED]
-        regs[k + SR] = status & ~(IEBLE | EEBLE) | ININT | INK
+    r, b, k = st.RESOURCE + e * st.RESOURCE_ROW, st.THREAD + t * st.THREAD_ROW, t * st.REGISTER_ROW
+    status = signed(regs[k + st.SR]) & ~st.WAITING
+    if s[r + st.INTERRUPT] != 0:
+        regs[k + st.SSR] = status
+        regs[k + st.SPC] = st.RAM + 2 * s[b + st.PC]
+        regs[k + st.SED] = regs[k + st.ED]
+        regs[k + st.SR] = status & ~(st.IEBLE | st.EEBLE) | st.ININT | st.INK
     else:
-        regs[k + SR] = status & ~(EEBLE | INENB)
-    regs[k + ED] = s[r + ENVIRONMENT]
-    s[b + PC] = s[r + VECTOR]
-    s[b + NEXT] = -1
-    if e >= PORT_0:
-        s[PORT + (e - PORT_0) * PORT_ROW + HOLD] = 1
+        regs[k + st.SR] = status & ~(st.EEBLE | st.INENB)
+    regs[k + st.ED] = s[r + st.ENVIRONMENT]
+    s[b + st.PC] = s[r + st.VECTOR]
+    s[b + st.NEXT] = -1
+    if e >= st.PORT_0:
+        s[st.PORT + (e - st.PORT_0) * st.PORT_ROW + st.HOLD] = 1
 
 
 @part
@@ -385,85 +290,99 @@ def signed(value: Any) -> Any:
 @part
 def wake(s: Any, regs: Any, inbox: Any, pins: Any, log: Any, t: int, now: int) -> None:
     """Let a paused thread look again: it runs, or pauses until a later time."""
-    b = THREAD + t * THREAD_ROW
-    why, e = s[b + WHY], s[b + ON]
+    b = st.THREAD + t * st.THREAD_ROW
+    why, e = s[b + st.WHY], s[b + st.ON]
     goes_on = False
-    again = NEVER
-    if why == FOR_OUTPUT:
-        p = e - PORT_0
+    again = st.NEVER
+    if why == st.FOR_OUTPUT:
+        p = e - st.PORT_0
         update(s, regs, pins, log, p, now)
-        goes_on = s[PORT + p * PORT_ROW + FULL] == 0 or s[PORT + p * PORT_ROW + OUTPUT] == 0
+        goes_on = s[st.PORT + p * st.PORT_ROW + st.FULL] == 0 or s[st.PORT + p * st.PORT_ROW + st.OUTPUT] == 0
         if not goes_on:
-            again = output_after(s, pins, PORT + p * PORT_ROW, now)
-    elif why == FOR_TIME:
+            again = output_after(s, pins, st.PORT + p * st.PORT_ROW, now)
+    elif why == st.FOR_TIME:
         again = timer_after(s, e, now)
         goes_on = again <= now
-    elif why == FOR_TOKEN or why == FOR_WORD:
-        d = e - CHANNEL_0
+    elif why == st.FOR_TOKEN or why == st.FOR_WORD:
+        d = e - st.CHANNEL_0
         absorb(s, inbox, d, now)
-        if why == FOR_WORD:
+        if why == st.FOR_WORD:
             goes_on = word_is_there(s, d) >= 0
             if not goes_on:
                 again = word_after(s, inbox, d, now)
         else:
             again = _event_after(s, regs, inbox, pins, log, e, now)
             goes_on = again <= now
-    elif why == FOR_LINK:
-        again = room_after(s, s[b + SOURCE], s[b + NEED])
+    elif why == st.FOR_LINK:
+        again = room_after(s, s[b + st.SOURCE], s[b + st.NEED])
         goes_on = again <= now
-    elif why == FOR_ROOM or why == FOR_CLAIM:
-        d = e - CHANNEL_0
+    elif why == st.FOR_ROOM or why == st.FOR_CLAIM:
+        d = e - st.CHANNEL_0
         absorb(s, inbox, d, now)
         goes_on = may_send(s, t)
-        if not goes_on and s[CHANNEL + d * CHANNEL_ROW + CLAIM] == OUTSIDE:
-            first = s[CHANNEL + d * CHANNEL_ROW + INBOX_FIRST]
-            if first < s[CHANNEL + d * CHANNEL_ROW + INBOX_END]:
+        if not goes_on and s[st.CHANNEL + d * st.CHANNEL_ROW + st.CLAIM] == st.OUTSIDE:
+            first = s[st.CHANNEL + d * st.CHANNEL_ROW + st.INBOX_FIRST]
+            if first < s[st.CHANNEL + d * st.CHANNEL_ROW + st.INBOX_END]:
                 again = max(now + 1, inbox[d, first] >> 16)
-    elif why == FOR_INPUT:
-        p = e - PORT_0
+    elif why == st.FOR_INPUT:
+        p = e - st.PORT_0
         update(s, regs, pins, log, p, now)
-        goes_on = s[PORT + p * PORT_ROW + OUTPUT] == 0 and input_is_ready(s, PORT + p * PORT_ROW)
+        goes_on = s[st.PORT + p * st.PORT_ROW + st.OUTPUT] == 0 and input_is_ready(s, st.PORT + p * st.PORT_ROW)
         if not goes_on:
             again = input_after(s, pins, p, now)
-    elif why == FOR_DRAIN:
-        p = e - PORT_0
+    elif why == st.FOR_DRAIN:
+        p = e - st.PORT_0
         update(s, regs, pins, log, p, now)
-        goes_on = is_drained(s, PORT + p * PORT_ROW)
+        goes_on = is_drained(s, st.PORT + p * st.PORT_ROW)
         if not goes_on:
-            again = drained_after(s, pins, PORT + p * PORT_ROW, now)
-    elif why == FOR_LOCK:
-        goes_on = s[LOCK + (e - LOCK_0) * LOCK_ROW + GRANTED] == t
-    if not goes_on and regs[t * REGISTER_ROW + SR] & (EEBLE | IEBLE) != 0:
+            again = drained_after(s, pins, st.PORT + p * st.PORT_ROW, now)
+    elif why == st.FOR_LOCK:
+        goes_on = s[st.LOCK + (e - st.LOCK_0) * st.LOCK_ROW + st.GRANTED] == t
+    if not goes_on and regs[t * st.REGISTER_ROW + st.SR] & (st.EEBLE | st.IEBLE) != 0:
         event, time = due_event(s, regs, inbox, pins, log, t, now)
         if event >= 0:
             take_event(s, regs, t, event)
             goes_on = True
         again = min(again, time)
     if goes_on:
-        s[READY + t] = slot(s, t, now)
-        s[STATE + t] = RUNNING
+        s[st.READY + t] = slot(s, t, now)
+        s[st.STATE + t] = st.RUNNING
     else:
-        s[READY + t] = again
+        s[st.READY + t] = again
 
 
 @part
 def is_drained(s: Any, b: int) -> bool:
     """Whether an output has sent all that it was given."""
-    return s[b + OUTPUT] == 0 or (s[b + VALID] == 0 and s[b + FULL] == 0)
+    return s[b + st.OUTPUT] == 0 or (s[b + st.VALID] == 0 and s[b + st.FULL] == 0)
 
 
 @part
 def enter(regs: Any, k: int, pc: int, kind: int, data: int) -> int:
     """Enter the kernel; returns the half word where it begins, or -1 if it is nowhere."""
-    kep = signed(regs[k + KEP]) + (64 if kind == KCALL else 0)
-    half = (kep - RAM) >> 1
-    if kep & 1 or not 0 <= half < HALVES:
+    kep = signed(regs[k + st.KEP]) + (64 if kind == st.KCALL else 0)
+    half = (kep - st.RAM) >> 1
+    if kep & 1 or not 0 <= half < st.HALVES:
         return -1
-    status = signed(regs[k + SR])
-    regs[k + SSR] = status
-    regs[k + SPC] = pc
-    regs[k + SED] = regs[k + ED]
-    regs[k + SR] = status & ~(EEBLE | IEBLE) | INK
-    regs[k + ET] = kind
-    regs[k + ED] = data
+    status = signed(regs[k + st.SR])
+    regs[k + st.SSR] = status
+    regs[k + st.SPC] = pc
+    regs[k + st.SED] = regs[k + st.ED]
+    regs[k + st.SR] = status & ~(st.EEBLE | st.IEBLE) | st.INK
+    regs[k + st.ET] = kind
+    regs[k + st.ED] = data
     return half
+
+
+@part
+def fault(s: Any, kind: int, data: int) -> int:
+    """Note an exception, for the instruction to end with."""
+    s[st.FAULT] = kind
+    s[st.FAULT_DATA] = data
+    return st.TRAP
+
+
+@part
+def used(s: Any, e: int) -> bool:
+    """Whether a resource is allocated."""
+    return e >= 0 and s[st.RESOURCE + e * st.RESOURCE_ROW + st.USED] != 0

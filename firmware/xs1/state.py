@@ -143,7 +143,7 @@ SIZE = MASTER + SYNCHRONISERS
 ) = range(13)  # fmt: skip
 
 # What an instruction did
-(DONE, PAUSE, TRAP, JUMP, SENT, GONE) = range(6)
+(DONE, PAUSE, TRAP, JUMP, SENT, GONE, OTHER) = range(7)
 
 # Why the kernel returns
 REACHED, MESSAGE, UNHANDLED, LOG_FULL, UNDECODED = range(5)

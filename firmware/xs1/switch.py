@@ -218,7 +218,7 @@ class Switch:
         Parameters
         ----------
         tokens : sequence of int
-            With bit 8 set in control tokens, with or without END at the end.
+            Tokens with bit 8 set in control tokens, with or without END at the end.
         """
         values = [int(token) for token in tokens]
         if values and values[-1] == END:
@@ -266,9 +266,9 @@ def serve(core: Core, switch: Switch, sent: Sent) -> bool:
     ----------
     core : Core
     switch : Switch
-        That of the core.
+        Switch of the core.
     sent : Sent
-        To the switch.
+        Messages that the core has sent to the switch.
 
     Returns
     -------

@@ -25,7 +25,7 @@ class Meaning(NamedTuple):
     code : int
         The place in `INSTRUCTIONS`.
     registers : dict
-        From letters A to F to register numbers.
+        Register numbers by letters A to F.
     number : str
         The text of U, P, N or T; empty if there is none.
     letter : str

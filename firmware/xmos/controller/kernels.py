@@ -128,7 +128,7 @@ class Call(NamedTuple):
     result : int
         What it returned.
     instructions, cycles : int
-        From the call to the return, among five running threads.
+        Counts from the call to the return, among five running threads.
     slices, record : bytes
         The memory that it may have written to.
     functions : dict of int
@@ -222,7 +222,7 @@ def pass_blocks(
     cases : sequence of Case
         All with the same wiring.
     split : Split
-        Of the work among threads.
+        Division of the work among threads.
     busy : bool
         Whether one more thread never pauses. With three that sort, five then issue all the time.
     fetch : {"off", "pessimistic"}
@@ -230,9 +230,9 @@ def pass_blocks(
     interval : int, optional
         Cycles from a block to the next. If None, a block comes once the one before has been sent.
     cycles_per_token : int
-        Of the link: 8 on five wires, 20 on two.
+        Rate of the link: 8 on five wires, 20 on two.
     period : int
-        For the commits.
+        Period that the commits name.
 
     Returns
     -------
@@ -318,9 +318,9 @@ def call(
         Whether ``plan`` finds that others have checked and sorted the pulses, and CRC-32 is by the processor's
         instruction.
     slices : bytes
-        For ``pw_commit_checksum``, which takes the first 48 bytes.
+        Slices for ``pw_commit_checksum``, which takes the first 48 bytes.
     period : int
-        For ``pw_commit_checksum``.
+        Period for ``pw_commit_checksum``.
     """
     program = _functions(stand_ins)
     block, wiring = program.symbols["block"], program.symbols["wiring"]
@@ -378,7 +378,7 @@ def expected(case: Case, period: int = 1000) -> Expected:
     ----------
     case : Case
     period : int
-        For the commits.
+        Period that the commits name.
     """
     payload = np.frombuffer(case.block[-PAYLOAD_BYTES:], np.uint8)
     codes = pulse_words(payload)

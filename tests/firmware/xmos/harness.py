@@ -39,7 +39,7 @@ class Bench:
     hello : bool
         Whether the link behind answers.
     token_cycles : int
-        Of the link from the controller.
+        Core cycles of a token on the link from the controller.
     """
 
     def __init__(

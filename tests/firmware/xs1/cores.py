@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -49,9 +50,23 @@ def core(text: str, *registers: int, **options: Any) -> Core:
     return made
 
 
-def execute(text: str, *registers: int, cycles: int = 100_000, **options: Any) -> Core:
-    """A core that has executed a program, which ends by waiting for nothing."""
+def execute(
+    text: str,
+    *registers: int,
+    cycles: int = 100_000,
+    watch: int | None = None,
+    pins: Iterable[tuple[int, int, int]] = (),
+    **options: Any,
+) -> Core:
+    """A core that has executed a program, which ends by waiting for nothing.
+
+    A port may be watched. ``pins`` are ports, cycles and values from outside.
+    """
     made = core(text + "\nclre\nwaiteu\n", *registers, **options)
+    if watch is not None:
+        made.watch(watch)
+    for pin in pins:
+        made.drive(*pin)
     assert made.run(made.cycle + cycles) is Stop.REACHED, made.trap
     return made
 

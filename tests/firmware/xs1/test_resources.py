@@ -89,9 +89,7 @@ def test_start_of_a_clock() -> None:
     for divide, period in ((0, 4), (1, 8), (3, 24), (255, 2040)):
         text = clocked(PORT_32A, divide).replace("setc res[r5], 15", "")
         text += "getr r6, 1\nldc r1, 9\nout res[r4], r1\nsetc res[r5], 15\nin r7, res[r6]\n"
-        made = core(text + "clre\nwaiteu")
-        made.watch(PORT_32A)
-        made.run(10_000)
+        made = execute(text, cycles=10_000, watch=PORT_32A)
         (cycle,), (word,) = made.port_log(PORT_32A)
         start = 4 * int(made.registers(0)[7]) - 4  # the instruction before IN
         assert (int(cycle) - start, int(word)) == (period, 9)
@@ -127,9 +125,7 @@ def test_timed_output(wait: int) -> None:
         syncr res[r4]
         getts r3, res[r4]
     """
-    made = core(text + "clre\nwaiteu")
-    made.watch(PORT_32A)
-    assert made.run(1_000_000) is Stop.REACHED
+    made = execute(text, cycles=1_000_000, watch=PORT_32A)
     cycles, words = made.port_log(PORT_32A)
     assert words.tolist() == [PORT_32A, 77, 78]
     assert np.diff(cycles).tolist() == [8 * wait, 8]
@@ -140,9 +136,7 @@ def test_clrpt_and_a_missed_time() -> None:
     """CLRPT forgets the time. Without data at its time an output becomes an input."""
     start = f"{clocked(PORT_32A, 2)}ldc r1, 5\nout res[r4], r1\nsyncr res[r4]\ngetts r0, res[r4]\nadd r0, r0, 9\n"
     text = start + "setpt res[r4], r0\nclrpt res[r4]\nldc r2, 6\nout res[r4], r2\n"
-    made = core(text + "clre\nwaiteu")
-    made.watch(PORT_32A)
-    made.run(10_000)
+    made = execute(text, cycles=10_000, watch=PORT_32A)
     cycles, _ = made.port_log(PORT_32A)
     assert cycles[1] - cycles[0] <= 64
     made = core(start + "setpt res[r4], r0\nclre\nwaiteu")
@@ -167,9 +161,7 @@ def test_buffered_output() -> None:
         outpw res[r4], r2, 16
         outshr res[r4], r3
     """
-    made = core(text + "clre\nwaiteu")
-    made.watch(PORT_4A)
-    made.run(10_000)
+    made = execute(text, cycles=10_000, watch=PORT_4A)
     cycles, words = made.port_log(PORT_4A)
     assert words.tolist() == [1, 2, 3, 4, 5, 6, 7, 8, 0xA, 0xB, 0xC, 0xD, 9, 0xE, 0, 0xF]
     assert np.diff(cycles).tolist() == [*14 * [16], 5 * 16]
@@ -194,9 +186,7 @@ def test_buffered_output_never_pauses_between_words() -> None:
         sub r2, r2, 1
         bt r2, loop
     """
-    made = core(text + "clre\nwaiteu")
-    made.watch(PORT_1F)
-    made.run(100_000)
+    made = execute(text, cycles=100_000, watch=PORT_1F)
     cycles, words = made.port_log(PORT_1F)
     assert np.diff(cycles).tolist() == 639 * [8]
     assert words.tolist() == 320 * [1, 0]
@@ -241,10 +231,7 @@ def test_condition(condition: int, value: int, lockstep: bool) -> None:
         in r8, res[r4]
     """
     for rise in (1000, 1001, 1002, 1003, 5555):
-        made = core(text + "clre\nwaiteu", lockstep=lockstep)
-        made.drive(PORT_1F, rise, 1)
-        made.drive(PORT_1F, rise + 4, 0)
-        made.run(700)
+        made = execute(text, cycles=700, pins=[(PORT_1F, rise, 1), (PORT_1F, rise + 4, 0)], lockstep=lockstep)
         assert made.threads()[0].waits_for == "an input"
         assert made.threads()[0].resource == "port 1F"
         made.run(20_000)
@@ -277,10 +264,7 @@ def test_timed_input() -> None:
         in r3, res[r4]
         getts r6, res[r4]
     """
-    made = core(text + "clre\nwaiteu")
-    for cycle in range(1, 10_000):
-        made.drive(PORT_8C, cycle, cycle >> 4)
-    made.run(9_999)
+    made = execute(text, cycles=9_999, pins=[(PORT_8C, cycle, cycle >> 4) for cycle in range(1, 10_000)])
     regs = made.registers(0)
     assert regs[6] == regs[2]
     assert (int(regs[3]) << 4) - (int(regs[0]) << 4) == pytest.approx(2000, abs=16)
@@ -300,10 +284,7 @@ def test_buffered_input() -> None:
         inshr r3, res[r4]
         getts r7, res[r4]
     """
-    made = core(text + "clre\nwaiteu")
-    for tick in range(300):
-        made.drive(PORT_4A, 200 * tick + 1, tick % 15)
-    made.run(50_000)
+    made = execute(text, cycles=50_000, pins=[(PORT_4A, 200 * tick + 1, tick % 15) for tick in range(300)])
     regs = made.registers(0)
     nibbles = [int(regs[r]) >> 4 * place & 15 for r in (1, 2, 3) for place in range(8)]
     assert nibbles == [(nibbles[0] + place) % 15 for place in range(24)]
@@ -320,10 +301,7 @@ def test_buffered_input_after_a_long_time() -> None:
         in r1, res[r4]
         getts r2, res[r4]
     """
-    made = core(text + "clre; waiteu")
-    made.drive(PORT_4A, 100, 5)
-    made.drive(PORT_4A, 5000, 11)
-    made.run(50_000)
+    made = execute(text, cycles=50_000, pins=[(PORT_4A, 100, 5), (PORT_4A, 5000, 11)])
     assert made.registers(0)[1] == 0xBBBBBBBB
     assert 3000 - 16 <= made.registers(0)[2] <= 3000
 
@@ -368,9 +346,7 @@ def test_endin() -> None:
         endin r1, res[r4]
         in r2, res[r4]
     """
-    made = core(text + "clre\nwaiteu")
-    made.drive(PORT_1F, 1, 1)
-    made.run(50_000)
+    made = execute(text, cycles=50_000, pins=[(PORT_1F, 1, 1)])
     assert 9 <= made.registers(0)[1] <= 11
     assert made.registers(0)[2] >> (32 - int(made.registers(0)[1])) == (1 << int(made.registers(0)[1])) - 1
 
@@ -387,10 +363,7 @@ def test_direction_changes() -> None:
         syncr res[r4]
         getts r3, res[r4]
     """
-    made = core(text + "clre\nwaiteu")
-    made.watch(PORT_8C)
-    made.drive(PORT_8C, 1, 0x33)
-    made.run(10_000)
+    made = execute(text, cycles=10_000, watch=PORT_8C, pins=[(PORT_8C, 1, 0x33)])
     cycles, words = made.port_log(PORT_8C)
     assert words.tolist() == [0x55, 0, 0x55]
     assert cycles[1] - cycles[0] == 200
@@ -739,8 +712,7 @@ def test_node_changes() -> None:
 def test_tokens_from_outside() -> None:
     """A thread goes on as soon as the last token of its word is there; the queue before the buffer has no end."""
     text = "getr r0, 2\ngetr r1, 1\nin r2, res[r0]\nin r3, res[r1]\nchkct res[r0], 1\nin r4, res[r1]\n"
-    made = core(text + "clre\nwaiteu")
-    made.run(500)
+    made = execute(text, cycles=500)
     assert made.threads()[0].ready is None
     assert (made.threads()[0].waits_for, made.threads()[0].resource) == ("a word", "channel end 0")
     made.deliver(0, [1, 2, 3, 4], [1000, 1010, 1020, 1031])
@@ -1077,8 +1049,7 @@ def test_interrupt_of_a_thread_that_waits() -> None:
         kret
     end:
     """
-    made = core(text + "clre\nwaiteu")
-    made.run(2000)
+    made = execute(text, cycles=2000)
     assert made.threads()[0].waits_for == "a token"
     assert made.registers(0)[4] == 1
     made.deliver(0, [55], [3000])
@@ -1102,10 +1073,7 @@ def test_event_of_a_port() -> None:
         in r7, res[r6]
         in r8, res[r4]
     """
-    made = core(text + "clre\nwaiteu")
-    made.drive(PORT_1F, 1000, 1)
-    made.drive(PORT_1F, 1006, 0)
-    made.run(5000)
+    made = execute(text, cycles=5000, pins=[(PORT_1F, 1000, 1), (PORT_1F, 1006, 0)])
     assert made.registers(0)[8] == 1
     assert 1000 <= 4 * made.registers(0)[7] <= 1012
 
