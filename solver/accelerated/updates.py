@@ -39,6 +39,7 @@ class Recipe(NamedTuple):
     tolerance: float
     gradients: int
     flat: float
+    better: float
     kept: float
     alone: float
 
@@ -135,7 +136,7 @@ def _corrected(transfer: Array, wanted: Array, counts: Array, drive: Array, reci
         missing = wanted - magnitude / scale
         error = jnp.sqrt(jnp.sum(missing**2, axis=1, keepdims=True) / counts[:, None])
         least = jnp.where(number == 0, recipe.kept * scale, least)
-        better = (error < best) & (best >= recipe.tolerance) & (scale >= least)
+        better = (error < recipe.better * best) & (best >= recipe.tolerance) & (scale >= least)
         best, chosen = jnp.where(better, error, best), jnp.where(better, drive, chosen)
         half = _turns(transfer, wanted, drive, _unit(pressure).conj(), missing, recipe) * scale / 2
         turned = drive * jax.lax.complex(1 - half * half, 2 * half) / (1 + half * half)

@@ -44,7 +44,7 @@ SOLVED, PHASE, LIMITED = range(3)
 COLD = 0
 """Place of the cold phases among those that an engine keeps."""
 
-TURNS, GAMMA, MU, HEADROOM, TOLERANCE, FLAT, KEPT, ALONE, NUDGE, SETTINGS = range(10)
+TURNS, GAMMA, MU, HEADROOM, TOLERANCE, FLAT, BETTER, KEPT, ALONE, NUDGE, SETTINGS = range(11)
 """Numbers in an update's settings, float32: wave fronts per metre, and those of the method."""
 
 F = np.float32

@@ -23,6 +23,7 @@ from .algebra import (
     weigh,
 )
 from .layout import (
+    BETTER,
     COLD,
     DRIVE,
     FELT,
@@ -163,7 +164,7 @@ def _correct(m: int, settings: Any, gradients: int, steps: int, limit: Any, work
             residual[i] = wanted[i] - residual[i] / fit
             error += residual[i] * residual[i]
         error = np.sqrt(error / F(m))
-        if error < best and fit >= least:
+        if error < settings[BETTER] * best and fit >= least:
             best = error
             for q in range(len(drive)):
                 size = np.sqrt(x[0, q] * x[0, q] + x[1, q] * x[1, q]) + TINY

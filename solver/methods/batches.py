@@ -18,7 +18,7 @@ from ..acoustics.tables import surely_reachable, tables_of
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from .engine import is_modelled
 from .methods import METHODS
-from .options import ALONE, FLAT, GRADIENTS, HEADROOM, KEPT, LEAST_MU, TOLERANCE, Options
+from .options import ALONE, BETTER, FLAT, GRADIENTS, HEADROOM, KEPT, LEAST_MU, TOLERANCE, Options
 from .reference import cold_start
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ def recipe_of(method: str, options: Options) -> Recipe:
         tolerance=TOLERANCE,
         gradients=GRADIENTS,
         flat=FLAT,
+        better=BETTER,
         kept=KEPT,
         alone=ALONE,
     )

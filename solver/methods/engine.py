@@ -20,7 +20,7 @@ from ..compiled import block_kernels, layout, propagation, updates
 from ..compiled.threads import THREADS
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from .methods import METHODS, Kernels
-from .options import ALONE, FLAT, GRADIENTS, HEADROOM, KEPT, LEAST_GAIN, NUDGE, TOLERANCE, Options
+from .options import ALONE, BETTER, FLAT, GRADIENTS, HEADROOM, KEPT, LEAST_GAIN, NUDGE, TOLERANCE, Options
 from .reference import cold_start
 from .reference_engine import drive_each
 
@@ -60,7 +60,7 @@ def settings_of(tables: ArrayTables, options: Options) -> NDArray[np.float32]:
     settings[layout.TURNS], settings[layout.GAMMA], settings[layout.MU] = tables.turns, options.gamma, options.mu
     settings[layout.HEADROOM], settings[layout.NUDGE] = HEADROOM, NUDGE
     settings[layout.TOLERANCE], settings[layout.FLAT], settings[layout.KEPT] = TOLERANCE, FLAT, KEPT
-    settings[layout.ALONE] = ALONE
+    settings[layout.ALONE], settings[layout.BETTER] = ALONE, BETTER
     return settings
 
 

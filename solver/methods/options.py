@@ -9,6 +9,7 @@ from ...base.arguments import real, whole
 
 __all__ = [
     "ALONE",
+    "BETTER",
     "FLAT",
     "GRADIENTS",
     "HEADROOM",
@@ -40,6 +41,9 @@ FLAT = 0.05
 
 ALONE = 1e-10
 """Part of the square of what a gradient changes, below which it changes the common level alone, which is free."""
+
+BETTER = 0.999
+"""Part of the best misfit so far below which another one is better: less gain is rounding, not worth a turn."""
 
 KEPT = 0.5
 """Part of the strength with which ``wgs`` begins that it keeps: contradicting points are most even in near silence."""

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from .options import ALONE, FLAT, GRADIENTS, HEADROOM, KEPT, LEAST_GAIN, TOLERANCE, Output, Phases
+from .options import ALONE, BETTER, FLAT, GRADIENTS, HEADROOM, KEPT, LEAST_GAIN, TOLERANCE, Output, Phases
 
 __all__ = [
     "Regularised",
@@ -178,7 +178,7 @@ def correct(transfer: Complex, wanted: Real, drive: Complex, steps: int) -> Comp
         scale, error = misfit(pressure, wanted)
         if step == 0:
             least = KEPT * scale
-        if error < best and scale >= least:
+        if error < BETTER * best and scale >= least:
             best, chosen = error, drive
         if best < TOLERANCE or step == steps:
             break

@@ -98,7 +98,7 @@ def recorded() -> dict[str, tuple[str, ...]]:
     return {name: tuple(CASE.findall(cases)) for name, cases in ROW.findall(text)}
 
 
-class Search(NamedTuple):
+class MutantRun(NamedTuple):
     """A run that may catch a mutant.
 
     Parameters
@@ -112,13 +112,13 @@ class Search(NamedTuple):
     least: int = 1
 
     @classmethod
-    def of_cases(cls, plain: RunOptions, cases: Sequence[str]) -> Search:
+    def of_cases(cls, plain: RunOptions, cases: Sequence[str]) -> MutantRun:
         """The run of some cases, by names that begin with their groups, until all break: it collects no other group."""
         groups = tuple(dict.fromkeys(case.partition("/")[0] for case in cases))
         return cls(replace(plain, only=tuple(cases), groups=groups, enough=len(cases)), len(cases))
 
 
-def search(searches: Iterable[Search], out: Path) -> None:
+def search(searches: Iterable[MutantRun], out: Path) -> None:
     """Go through searches until one has found enough, and write what broke in it to a file, as JSON."""
     for options, least in searches:
         run = run_conformance(options)
@@ -150,11 +150,11 @@ def judge_alone(name: str, enough: int | None, out: Path) -> None:
 
     mutant = MUTANTS[name]
     plain = RunOptions(mutant.url, enough=enough, again=False)
-    searches = [Search(plain, 0)]
+    searches = [MutantRun(plain, 0)]
     if enough:
-        searches = [Search(replace(plain, only=mutant.names)), Search(replace(plain, enough=1), 0)]
+        searches = [MutantRun(replace(plain, only=mutant.names)), MutantRun(replace(plain, enough=1), 0)]
         if before := [case for case in recorded().get(name, ()) if case in CASES]:
-            searches.insert(0, Search.of_cases(plain, before[:enough]))
+            searches.insert(0, MutantRun.of_cases(plain, before[:enough]))
     with applied(mutant):
         search(searches, out)
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..running import RunOptions
-from .running import WARM, Attempt, Fate, Search, search
+from .running import WARM, Attempt, Fate, MutantRun, search
 
 __all__ = ["TextMutant", "TextOutcome", "judge_all", "read_text_mutants", "run_cases"]
 
@@ -100,7 +100,7 @@ class TextOutcome(NamedTuple):
     words: str
 
 
-def judge_cases(searches: Sequence[Search], environment: Mapping[str, str], out: Path) -> None:
+def judge_cases(searches: Sequence[MutantRun], environment: Mapping[str, str], out: Path) -> None:
     """Judge a device in a process that is used for nothing else, with further variables of the environment."""
     os.environ.update(environment)
     search(searches, out)
@@ -130,8 +130,8 @@ def run_cases(
         The module that the process finds imported.
     """
     device = replace(device, again=False)
-    searches = [Search.of_cases(device, [mutant.case])] if mutant.case else []
-    last = Search.of_cases(device, mutant.only)
+    searches = [MutantRun.of_cases(device, [mutant.case])] if mutant.case else []
+    last = MutantRun.of_cases(device, mutant.only)
     searches.append(last._replace(options=replace(last.options, enough=None if passes else 1), least=0))
     found = Attempt(judge_cases, searches, environment or {}, most=JUDGE_SECONDS, warm=warm).finding()
     right = found.fate is Fate.SURVIVED if passes else found.fate.is_catch
