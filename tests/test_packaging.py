@@ -13,8 +13,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("protocol", "solver", "xs1", "firmware", "emulator", "host", "hil", "feel", "view", "cli")
-BESIDE = ("benchmarks", "docs", "examples", "mutants", "reference", "tests")
+ROOMS = ("base", "protocol", "solver", "firmware", "emulator", "host", "hil", "feel", "view", "cli")
+BESIDE = ("benchmarks", "docs", "examples", "tests")
+C_DEVICE = {
+    f"firmware/{part}" for part in ("build", "core", "cortex_m33", "fuzz", "library", "posix", "python", "tests")
+}
+LEFT_OUT = {"hil/conformance/mutants", *C_DEVICE}
+"""Folders of rooms that the sdist holds and the wheel does not."""
 ALONE = {"CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md", "pyproject.toml"}
 
 
@@ -39,17 +44,14 @@ def test_the_sdist_and_its_wheel_are_whole_and_the_package_runs_without_the_repo
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
         archive.extractall(tmp_path / "site")
-    sources = {f"phasewire/{file.name}" for file in ROOT.glob("*.py")}
-    sources |= {f"phasewire/{file.relative_to(ROOT)}" for room in ROOMS for file in (ROOT / room).rglob("*.py")}
-    data = {"py.typed", "protocol/SPEC.md", "protocol/vectors.json", "host/finding/60-phasewire.rules"}
-    data |= {"hil/conformance/guest/init.sh", "hil/conformance/guest/begin.sh"}
-    data |= {"__init__.pyi", "hil/__init__.pyi", "host/__init__.pyi", "host/hands/__init__.pyi"}
-    data |= {f"view/page/{name}" for name in ("index.html", "page.css", "page.js", "scene.js")}
-    data |= {f"{room}/__init__.pyi" for room in ("feel", "solver", "view")}
-    programs = (ROOT / "firmware").rglob("*.*")
-    data |= {str(file.relative_to(ROOT)) for file in programs if file.suffix in {".bin", ".c", ".h", ".map", ".s"}}
-    data |= {"firmware/xs1/runtime.s"}
-    assert packed == sources | {f"phasewire/{name}" for name in data}
+    files = [file.relative_to(ROOT) for room in ROOMS for file in (ROOT / room).rglob("*.*") if file.is_file()]
+    kept = [file for file in files if not LEFT_OUT & {parent.as_posix() for parent in file.parents}]
+    expected = {file.name for file in ROOT.glob("*.py")} | {"__init__.pyi", "py.typed"}
+    expected |= {file.as_posix() for file in kept if file.suffix in {".py", ".pyi"}}
+    expected |= {file.as_posix() for file in kept if file.suffix in {".bin", ".c", ".h", ".map", ".s", ".sh"}}
+    expected |= {"protocol/SPEC.md", "protocol/vectors.json", "host/finding/60-phasewire.rules"}
+    expected |= {f"view/page/{name}" for name in ("index.html", "page.css", "page.js", "scene.js")}
+    assert packed == {f"phasewire/{name}" for name in expected}
 
     program = "import phasewire, phasewire.__main__, sys; sys.exit(phasewire.__file__ != sys.argv[1])"
     where = str(tmp_path / "site" / "phasewire" / "__init__.py")
