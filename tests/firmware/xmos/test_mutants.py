@@ -60,7 +60,7 @@ def test_the_suite_catches_bugs_and_nothing_else(capsys: pytest.CaptureFixture[s
 def test_a_bug_that_its_cases_do_not_see_gets_away(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    elsewhere = MUTANTS["width-0-is-a-whole-period"]._replace(only=("timing/a-clock-block",))
+    elsewhere = MUTANTS["width-0-is-a-whole-period"]._replace(case="", only=("timing/a-clock-block",))
     monkeypatch.setattr(processors, "known_mutants", lambda: [elsewhere])
     assert processors.judge_processors([]) == 1
     assert f"ESCAPED  {elsewhere.name}" in capsys.readouterr().out
