@@ -98,12 +98,13 @@ class Field:
     evaluate: Callable[[], object]
 
 
+@dataclass(frozen=True)
 class Set:
     """What a driver sets all scripts, a dataclass of numbers."""
 
     def save(self, path: Path) -> None:
         """Write it as JSON."""
-        path.write_text(json.dumps(asdict(self)), encoding="utf-8")  # type: ignore[call-overload]  # subclasses are
+        path.write_text(json.dumps(asdict(self)), encoding="utf-8")
 
     @classmethod
     def load(cls, path: Path) -> Self:

@@ -105,7 +105,7 @@ class MutantRun(NamedTuple):
     ----------
     options : RunOptions
     least : int
-        How many cases must break so that no further search is needed.
+        How many cases must break so that no further run is needed.
     """
 
     options: RunOptions
@@ -118,9 +118,9 @@ class MutantRun(NamedTuple):
         return cls(replace(plain, only=tuple(cases), groups=groups, enough=len(cases)), len(cases))
 
 
-def search(searches: Iterable[MutantRun], out: Path) -> None:
-    """Go through searches until one has found enough, and write what broke in it to a file, as JSON."""
-    for options, least in searches:
+def search(runs: Iterable[MutantRun], out: Path) -> None:
+    """Make one run after the other until one has found enough; write what broke in it to a file, as JSON."""
+    for options, least in runs:
         run = run_conformance(options)
         cases = list(dict.fromkeys(result.whole for result in run.results if result.breaks))
         if len(cases) >= least or run.trouble:
@@ -150,13 +150,13 @@ def judge_alone(name: str, enough: int | None, out: Path) -> None:
 
     mutant = MUTANTS[name]
     plain = RunOptions(mutant.url, enough=enough, again=False)
-    searches = [MutantRun(plain, 0)]
+    runs = [MutantRun(plain, 0)]
     if enough:
-        searches = [MutantRun(replace(plain, only=mutant.names)), MutantRun(replace(plain, enough=1), 0)]
+        runs = [MutantRun(replace(plain, only=mutant.names)), MutantRun(replace(plain, enough=1), 0)]
         if before := [case for case in recorded().get(name, ()) if case in CASES]:
-            searches.insert(0, MutantRun.of_cases(plain, before[:enough]))
+            runs.insert(0, MutantRun.of_cases(plain, before[:enough]))
     with applied(mutant):
-        search(searches, out)
+        search(runs, out)
 
 
 Judgement = Callable[[str, int | None, Path], None]

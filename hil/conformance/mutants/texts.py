@@ -100,10 +100,10 @@ class TextOutcome(NamedTuple):
     words: str
 
 
-def judge_cases(searches: Sequence[MutantRun], environment: Mapping[str, str], out: Path) -> None:
+def judge_cases(runs: Sequence[MutantRun], environment: Mapping[str, str], out: Path) -> None:
     """Judge a device in a process that is used for nothing else, with further variables of the environment."""
     os.environ.update(environment)
-    search(searches, out)
+    search(runs, out)
 
 
 def run_cases(
@@ -130,10 +130,10 @@ def run_cases(
         The module that the process finds imported.
     """
     device = replace(device, again=False)
-    searches = [MutantRun.of_cases(device, [mutant.case])] if mutant.case else []
+    runs = [MutantRun.of_cases(device, [mutant.case])] if mutant.case else []
     last = MutantRun.of_cases(device, mutant.only)
-    searches.append(last._replace(options=replace(last.options, enough=None if passes else 1), least=0))
-    found = Attempt(judge_cases, searches, environment or {}, most=JUDGE_SECONDS, warm=warm).finding()
+    runs.append(last._replace(options=replace(last.options, enough=None if passes else 1), least=0))
+    found = Attempt(judge_cases, runs, environment or {}, most=JUDGE_SECONDS, warm=warm).finding()
     right = found.fate is Fate.SURVIVED if passes else found.fate.is_catch
     return TextOutcome(right, ", ".join(found.cases) or found.why or "PASS")
 
