@@ -13,7 +13,7 @@ __all__ = ["entries", "load", "load_by_scheme"]
 
 @cache
 def entries(group: str) -> dict[str, EntryPoint]:
-    """The entry points of a group by their names; they are looked for once, for that takes milliseconds."""
+    """The entry points of a group by their names; they are looked for once, because that takes milliseconds."""
     return {entry.name: entry for entry in entry_points(group=group)}
 
 

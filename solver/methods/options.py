@@ -43,7 +43,7 @@ ALONE = 1e-10
 """Part of the square of what a gradient changes, below which it changes the common level alone, which is free."""
 
 BETTER = 0.999
-"""Part of the best misfit so far below which another one is better: less gain is rounding, not worth a turn."""
+"""A misfit below this part of the best one so far is better. A smaller gain may be rounding, and changes nothing."""
 
 KEPT = 0.5
 """Part of the strength with which ``wgs`` begins that it keeps: contradicting points are most even in near silence."""
