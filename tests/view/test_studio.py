@@ -119,8 +119,13 @@ def test_a_method_beside_itself_emits_the_same(hand: str) -> None:
             assert all(this == that for _, this, that in frame["side"]["numbers"]), frame["side"]
             np.testing.assert_array_equal(frame.array("this"), frame.array("other"))
         page.set(compare="multiplex")
-        frame = page.until(lambda message: (message["side"] or {}).get("other") == "multiplex")
-        assert (frame.array("this") != frame.array("other")).any()
+        # Where the hand touches a single point, both methods emit the same.
+        page.until(
+            lambda message: (
+                (message["side"] or {}).get("other") == "multiplex"
+                and (message.array("this") != message.array("other")).any()
+            )
+        )
         page.do("stop")
         page.until(lambda message: (message["side"] or {}).get("incomplete") == "no control point is touched")
 
