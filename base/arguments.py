@@ -84,13 +84,13 @@ def real(
     Parameters
     ----------
     name : str
-        Of the argument, for the error.
+        The argument's name, for the error.
     value : Any
-        As it was given.
+        The value as it was given.
     least, most : float
         The range; both ends belong to it.
     unit : str
-        For the error.
+        The unit that the error shows.
     above : bool
         Whether ``least`` does not belong to the range.
     hint : str

@@ -154,7 +154,7 @@ class DeviceError(PhasewireError):
     Attributes
     ----------
     device : str or None
-        Which of several devices it was, if its name is in the message.
+        The device, one of several, if its name is in the message.
     """
 
     device: str | None = None

@@ -117,7 +117,7 @@ def colour_bar(
     Parameters
     ----------
     axes, mappable, label
-        As for matplotlib.
+        The axes, what is drawn in them, and its label, for matplotlib.
     fraction, pad : float
         Parts of the axes' width for the bar and before it, if a layout engine makes room for the labels.
     before : float

@@ -36,8 +36,8 @@ class Bus:
     seconds : float
         Processor time spent on its side of the calls.
     writes : list of (float, float, int)
-        For each transfer of blocks: when it was handed over, by the wall clock and in processor time of the thread,
-        and how many blocks of it were taken.
+        One entry for each transfer of blocks: when it was handed over, by the wall clock and in processor time of the
+        thread, and how many blocks of it were taken.
     """
 
     def __init__(self) -> None:

@@ -58,7 +58,7 @@ class NullBus:
     Attributes
     ----------
     latency, processor : Latencies
-        Of the first block after each frame that plays something, from the frame to here.
+        The latencies of the first block after each frame that plays something, from the frame to here.
     """
 
     def __init__(self, status: Status) -> None:

@@ -70,7 +70,7 @@ def defaults_from_file(context: typer.Context) -> dict[str, Any]:
     Parameters
     ----------
     context : typer.Context
-        That of the command line as a whole.
+        The context of the command line as a whole.
 
     Returns
     -------
@@ -221,7 +221,7 @@ def effective_defaults(context: typer.Context) -> list[Default]:
     Parameters
     ----------
     context : typer.Context
-        That of the command line as a whole, with its default map.
+        The context of the command line as a whole, with its default map.
     """
     found = []
     for each in each_command(context):
@@ -238,7 +238,7 @@ def example(context: typer.Context) -> str:
     Parameters
     ----------
     context : typer.Context
-        That of the command line as a whole; its default map is ignored.
+        The context of the command line as a whole; its default map is ignored.
     """
     own = {_table(each): {key: _entry(key, option) for key, option in _named(each)} for each in each_command(context)}
     alike: dict[str, Counter[str]] = defaultdict(Counter)

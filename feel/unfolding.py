@@ -119,11 +119,11 @@ class Unfolded:
     Parameters
     ----------
     hand : Hand
-        Where it is.
+        The hand, placed.
     quads : (k,) int
         The quadrilateral of `Hand.quads` in which each place lies.
     shares : (k, 2) float
-        Where in it: parts of the way from its base left corner to its base right one, and to its tip left one.
+        The places in it: parts of the way from its base left corner to its base right one, and to its tip left one.
     mask : (y, x) bool
         The cells of the grid that are skin, seen on the back of the hand, the fingertips at the end of y; k are True.
     spacing : float

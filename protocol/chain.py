@@ -71,7 +71,7 @@ class Message:
     Attributes
     ----------
     CHANNEL_END : ChannelEnd
-        Where it arrives.
+        The channel end where it arrives.
     CLAUSE : str
         The clause that says what its fields may be.
     TOKENS : int

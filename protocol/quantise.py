@@ -74,7 +74,7 @@ def quantise(drives: ArrayLike, out: PulseFrames | None = None, *, first: int = 
     drives : (k, n) complex
         Magnitude at most 1, where 1 is the widest pulse; complex64 and complex128 are read where they are.
     out : PulseFrames, optional
-        Where to write, (k, n) and contiguous, and apart from the drives.
+        The arrays to write to, (k, n) and contiguous, and apart from the drives.
     first : int
         Number of the first frame, by which errors count.
 

@@ -555,7 +555,7 @@ class ProcessorReport:
     temperature_c : int
         Temperature of its board, °C.
     bank : Bank or None
-        Where its firmware came from; None if no processor is there.
+        The bank where its firmware came from; None if no processor is there.
     missed_commits, damaged_messages : int
         Since power-up.
     firmware : (int, int, int)

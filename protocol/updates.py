@@ -68,7 +68,7 @@ def pack_updates(
     restart : bool
         Whether the numbering begins anew with the first of them.
     out : (k, 512) uint8, optional
-        Where to write them, contiguous, and apart from `phase` and `width`.
+        The array to write them to, contiguous, and apart from `phase` and `width`.
 
     Returns
     -------

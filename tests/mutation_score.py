@@ -1,7 +1,9 @@
 """How many small random changes of the product's code the unit tests notice, by room.
 
 Two steps, both on a quiet machine. The first runs the unit tests under coverage and keeps which test reaches which
-line; the second makes changes of a fixed seed, one at a time, and runs the tests that reach the changed line::
+line; the second makes changes of a fixed seed, one at a time, and runs the tests that reach the changed line. It does
+so in forks of one process that has imported all tests: a fork exchanges the code of the changed functions. What numba
+compiles is left out, as the tests compare it with readable oracles::
 
     python -m tests.mutation_score reach                       # some ten minutes; writes build/mutation/
     python -m tests.mutation_score judge --count 1500 --minutes 90   # goes on where it stopped
@@ -13,20 +15,29 @@ from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
+import functools
+import gc
+import importlib
+import itertools
 import json
 import os
 import random
-import shutil
+import resource
+import signal
 import subprocess
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from queue import Queue
+from types import CodeType, FunctionType
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
+
+import hypothesis
+import pytest
+from numba.core.registry import CPUDispatcher
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "mutation"
@@ -38,6 +49,8 @@ PATIENCE_SECONDS = 60.0
 """For the tests of one change, beyond five times what they take without it: more is an endless loop, and noticed."""
 MOST_SECONDS = 90.0
 """Of tests for one change, the quick ones first. What only the others notice counts as not noticed."""
+WARMING = 40
+"""Files whose first test runs before the changes, so that what is compiled once need not be in each fork."""
 
 COMPARISONS = {
     ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "==",
@@ -62,7 +75,7 @@ class Change(NamedTuple):
     @property
     def name(self) -> str:
         """Of the change, the same in each run."""
-        return f"{self.file}:{self.line}:{self.start}:{self.text}"
+        return f"{self.file}:{self.line}:{self.start}:{' '.join(self.text.split())}"
 
 
 def changes_of(file: str, source: str) -> Iterator[Change]:
@@ -71,10 +84,10 @@ def changes_of(file: str, source: str) -> Iterator[Change]:
     for line in source.encode().split(b"\n"):
         starts.append(starts[-1] + len(line) + 1)
 
-    def change(node: Any, text: str, last: Any = None) -> Change:
-        last = last or node
-        begin = starts[node.lineno - 1] + node.col_offset
-        return Change(file, node.lineno, begin, starts[last.end_lineno - 1] + last.end_col_offset, text)
+    def change(node: Any, text: str) -> Change:
+        begin, end = starts[node.lineno - 1] + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
+        lines = "\n" * (node.end_lineno - node.lineno)  # what follows keeps its line
+        return Change(file, node.lineno, begin, end, f"{text[:-1]}{lines})" if text.endswith(")") else text + lines)
 
     def words(node: ast.AST) -> str:
         return ast.unparse(node)
@@ -82,7 +95,9 @@ def changes_of(file: str, source: str) -> Iterator[Change]:
     for function in ast.walk(ast.parse(source)):
         if not isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
             continue
-        for node in (each for statement in function.body for each in ast.walk(statement)):
+        nodes = [each for statement in function.body for each in ast.walk(statement)]
+        texts = {id(each) for node in nodes if isinstance(node, ast.JoinedStr) for each in ast.walk(node)}
+        for node in (each for each in nodes if id(each) not in texts):  # whose places Python 3.11 does not know
             match node:
                 case ast.Compare(left=left, ops=[operator], comparators=[right]):
                     yield change(node, f"({words(left)} {COMPARISONS[type(operator)]} {words(right)})")
@@ -167,64 +182,141 @@ def _known(test: str) -> str:
     return f"{path}::{names[-1]}"
 
 
-def judged(change: Change, tests: list[str], tree: Path, limit: float, whole: bool) -> list[str]:
-    """The tests that notice a change in a copy of the house, or why they cannot run; empty if none does."""
-    target = tree / change.file
-    kept = target.read_bytes()
-    target.write_bytes(kept[: change.start] + change.text.encode() + kept[change.stop :])
-    names, results = tree / "tests.txt", tree / "results.xml"
-    names.write_text("\n".join(tests))
-    command = [PYTEST, "-q", "-n", "0", "-p", "no:cacheprovider", f"--junitxml={results}", f"@{names}"]
-    command += [] if whole else ["-x"]
-    environment = os.environ | {"PYTHONPATH": str(tree / "typings"), "NUMBA_CACHE_DIR": str(tree / "build" / "numba")}
-    environment["PYTHONDONTWRITEBYTECODE"] = "1"
-    results.unlink(missing_ok=True)
-    try:
-        done = subprocess.run(command, cwd=tree, env=environment, timeout=limit, capture_output=True, check=False)
-    except subprocess.TimeoutExpired:
-        return ["no end"]
-    finally:
-        target.write_bytes(kept)
-    if done.returncode == 0:
-        return []
-    if not results.exists():
-        return ["no start"]
-    cases = ElementTree.parse(results).iter("testcase")
-    found = [f"{case.get('classname')}::{case.get('name')}" for case in cases if list(case)]
-    return found or ["no start"]
+class House:
+    """Our live functions, whose code can be exchanged without importing anything again."""
+
+    def __init__(self) -> None:
+        self._functions: dict[str, list[FunctionType]] = defaultdict(list)
+        self._compiled: set[int] = set()
+        self._caches = list[Any]()
+        for each in gc.get_objects():
+            if type(each) is FunctionType:
+                self._functions[os.path.realpath(each.__code__.co_filename)].append(each)
+            elif isinstance(each, CPUDispatcher):
+                self._compiled.add(id(each.py_func))
+            elif isinstance(each, functools._lru_cache_wrapper) and each.__module__.startswith(("phasewire", "tests")):
+                self._caches.append(each)
+
+    def altered(self, change: Change) -> list[tuple[FunctionType, CodeType]] | None:
+        """The functions that a change alters, with their new code; None if numba compiled one of them."""
+        path = ROOT / change.file
+        source = path.read_bytes()
+        new = _codes(compile(source[: change.start] + change.text.encode() + source[change.stop :], path, "exec"))
+        old = _codes(compile(source, path, "exec"))
+        changed = {key for key, code in new.items() if old.get(key) != code}
+        names = [(each, _name(each.__code__)) for each in self._functions[str(path)]]
+        found = [(each, new[name]) for each, name in names if name in changed]
+        return None if any(id(each) in self._compiled for each, _ in found) else found
+
+    def alter(self, change: Change) -> None:
+        """Make a change in this process."""
+        for function, code in self.altered(change) or ():
+            function.__code__ = code
+        for cache in self._caches:
+            cache.cache_clear()
+
+
+def _name(code: CodeType) -> tuple[str, int]:
+    return code.co_qualname, code.co_firstlineno
+
+
+def _codes(code: CodeType) -> dict[tuple[str, int], CodeType]:
+    """The code of all functions of a module, by name and line."""
+    inner = [each for each in code.co_consts if isinstance(each, CodeType)]
+    return {_name(each): each for each in inner} | {key: it for each in inner for key, it in _codes(each).items()}
+
+
+class Judging:
+    """A plug-in of pytest that runs, for each change, the tests that reach it, in a fork of the collected session."""
+
+    def __init__(self, changes: list[Change], whole: bool, log: Path, end: float) -> None:
+        self._changes, self._whole, self._log, self._end = changes, whole, log, end
+        self._failed = list[str]()
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection(self) -> None:
+        """Let no failure be made smaller: only that there is one matters."""
+        phases = [hypothesis.Phase.explicit, hypothesis.Phase.generate]
+        hypothesis.settings.register_profile("judging", hypothesis.settings(database=None, phases=phases))
+        hypothesis.settings.load_profile("judging")
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Keep what failed."""
+        if report.failed:
+            self._failed.append(report.nodeid)
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Judge all changes."""
+        reached, seconds = json.loads(REACHED.read_text()), json.loads(SECONDS.read_text())
+        items = {each.nodeid: each for each in session.items}
+        order = {each: number for number, each in enumerate(items)}
+        _run([next(its) for _, its in itertools.groupby(session.items, lambda item: item.path) if its][:WARMING])
+        for each in {change.file for change in self._changes}:
+            with contextlib.suppress(ImportError):  # of an extra that is not installed
+                importlib.import_module(
+                    "phasewire." + each.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
+                )
+        house = House()
+        for change in self._changes:
+            if time.monotonic() > self._end:
+                break
+            chosen = [each for each in tests_for(change, reached, seconds) if each in items]
+            tests = sorted(chosen, key=order.__getitem__)
+            altered = house.altered(change)
+            found = ["compiled"] if altered is None else ["not reached"]
+            if tests and altered:
+                limit = PATIENCE_SECONDS + 5 * sum(seconds[_known(each)] for each in tests)
+                found = self._noticed(house, change, [items[each] for each in tests], limit)
+            with self._log.open("a") as file:
+                print(json.dumps({"name": change.name, "tests": len(tests), "found": found}), file=file)
+        return True
+
+    def _noticed(self, house: House, change: Change, items: list[pytest.Item], limit: float) -> list[str]:
+        """The tests that notice a change; empty if none does."""
+        result = Path(f"{self._log}.{os.getpid()}")
+        result.unlink(missing_ok=True)
+        if not (child := os.fork()):
+            with contextlib.suppress(BaseException):
+                os.setsid()
+                resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit)))
+                house.alter(change)
+                _run(items, stop=lambda: bool(self._failed) and not self._whole)
+                result.write_text(json.dumps(sorted(set(self._failed))))
+            os._exit(0)
+        end = time.monotonic() + 4 * limit
+        while not os.waitpid(child, os.WNOHANG)[0]:
+            if time.monotonic() > end:
+                os.killpg(child, signal.SIGKILL)
+            time.sleep(0.01)
+        return list(json.loads(result.read_text())) if result.exists() else ["no end"]
+
+
+def _run(items: list[pytest.Item], stop: Callable[[], bool] = bool) -> None:
+    for item, following in zip(items, [*items[1:], None], strict=True):
+        item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+        if stop():
+            break
 
 
 def judge(count: int, jobs: int, minutes: float, whole: bool) -> None:
     """Judge changes that were not judged yet, for so many minutes."""
-    reached, seconds = json.loads(REACHED.read_text()), json.loads(SECONDS.read_text())
+    this = [sys.executable, "-P", __file__, "work", "--count", str(count), "--minutes", str(minutes)]
+    this += ["--jobs", str(jobs), *(["--matrix"] if whole else [])]
+    environment = os.environ | {"CI": "1", "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    crew = [subprocess.Popen([*this, "--number", str(number)], cwd=ROOT, env=environment) for number in range(jobs)]
+    for each in crew:
+        each.wait()
+    report()
+
+
+def work(count: int, jobs: int, minutes: float, whole: bool, number: int) -> None:
+    """Judge one of `jobs` shares of the changes."""
     log = BUILD / ("matrix.jsonl" if whole else "score.jsonl")
     done = {json.loads(line)["name"] for line in log.read_text().splitlines()} if log.exists() else set()
-    trees: Queue[Path] = Queue()
-    for number in range(jobs):
-        tree = BUILD / f"house{number}"
-        shutil.rmtree(tree, ignore_errors=True)
-        tree.mkdir(parents=True)
-        archive = subprocess.Popen(["git", "archive", "HEAD"], cwd=ROOT, stdout=subprocess.PIPE)
-        subprocess.run(["tar", "x", "-C", tree], stdin=archive.stdout, check=True)
-        trees.put(tree)
-    end = time.monotonic() + 60 * minutes
-
-    def one(change: Change) -> None:
-        tests = tests_for(change, reached, seconds)
-        if time.monotonic() > end:
-            return
-        found = ["not reached"]
-        if tests:
-            tree = trees.get()
-            limit = PATIENCE_SECONDS + 5 * sum(seconds[_known(each)] for each in tests)
-            found = judged(change, tests, tree, limit, whole)
-            trees.put(tree)
-        with log.open("a") as file:
-            print(json.dumps({"name": change.name, "tests": len(tests), "found": found}), file=file)
-
-    with ThreadPoolExecutor(jobs) as crew:
-        list(crew.map(one, (each for each in drawn(count) if each.name not in done)))
-    report()
+    mine = [each for each in drawn(count)[number::jobs] if each.name not in done]
+    judging = Judging(mine, whole, log, time.monotonic() + 60 * minutes)
+    pytest.main(["-q", "-n", "0", "-p", "no:cacheprovider", "-m", UNIT], plugins=[judging])
 
 
 def report() -> None:
@@ -232,6 +324,8 @@ def report() -> None:
     noticed, all_of = Counter[str](), Counter[str]()
     for line in (BUILD / "score.jsonl").read_text().splitlines():
         entry = json.loads(line)
+        if entry["found"] == ["compiled"]:
+            continue
         for room in (entry["name"].split("/")[0], "in all"):
             all_of[room] += 1
             noticed[room] += bool(entry["found"]) and entry["found"] != ["not reached"]
@@ -242,16 +336,19 @@ def report() -> None:
 def main() -> None:
     """Do one step."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("step", choices=["reach", "judge", "report"])
+    parser.add_argument("step", choices=["reach", "judge", "work", "report"])
     parser.add_argument("--count", type=int, default=1500)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--matrix", action="store_true")
+    parser.add_argument("--number", type=int, default=0, help="which share of the jobs this process works on")
     chosen = parser.parse_args()
     if chosen.step == "reach":
         reach(chosen.jobs)
     elif chosen.step == "judge":
         judge(chosen.count, chosen.jobs, chosen.minutes, chosen.matrix)
+    elif chosen.step == "work":
+        work(chosen.count, chosen.jobs, chosen.minutes, chosen.matrix, chosen.number)
     else:
         report()
 

@@ -34,6 +34,10 @@ SUGGESTIONS = {
     r"\bthat it is none\b|\bwhich is none\b": "that it is not one",
     r"\bdoes otherwise\b|\bdo otherwise\b": "say what it does",
 }
+CONTINUES = re.compile(
+    r"^( +)[\w*, `]+ : .+\n\1    (Of|In|For|Is|By|From|With|To|Where|Which|Whose|Such|At|On|That)\b", re.MULTILINE
+)
+"""The text of a parameter that continues its name instead of being a sentence of its own."""
 
 
 def findings() -> Iterator[str]:
@@ -43,7 +47,10 @@ def findings() -> Iterator[str]:
     for name in listed.stdout.split():
         if name in LEFT_OUT:
             continue
-        for number, line in enumerate(Path(name).read_text("utf-8").splitlines(), 1):
+        text = Path(name).read_text("utf-8")
+        for each in CONTINUES.finditer(text):
+            yield f"{name}:{text.count(chr(10), 0, each.end()) + 1}: {each[2]!r} continues the name → say what it is"
+        for number, line in enumerate(text.splitlines(), 1):
             for pattern, instead in patterns:
                 if found := pattern.search(line):
                     yield f"{name}:{number}: {found[0].strip()!r} → {instead}"

@@ -37,7 +37,7 @@ class Emitter:
     name : str
         The device's, for people.
     wiring : Wiring, optional
-        Which output drives which transducer, of a device's array.
+        The output that drives each transducer of a device's array.
     calibration : Calibration, optional
         Calibration as it is applied to drives.
     medium : Medium
@@ -97,7 +97,7 @@ class Snapshot:
     state : str
         ``playing``, ``stopped``, ``waiting``, ``ended`` or ``recording``.
     source : str
-        Where the drives come from, for people.
+        The place where the drives come from, for people.
     hands : sequence of Hand
     objects : sequence of Mesh
         Each in its place.
@@ -106,7 +106,7 @@ class Snapshot:
     ids : (m,) int
         Their identities.
     arcs : sequence of (k, 3) float
-        Where hands cut objects, in metres.
+        The arcs where hands cut objects, in metres.
     boards : tuple of str
         What is wrong with each board; empty if nothing is.
     figures : tuple of (str, str)

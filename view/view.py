@@ -112,7 +112,7 @@ class View:
     tape : Tape, optional
         What is shown instead of what comes by `update` and `show`.
     listen, port : str, int
-        Where to listen; only this computer can reach the default, at any free port.
+        The address to listen at; only this computer can reach the default, at any free port.
     embedded : bool
         Whether the page may be shown inside another one of this computer, such as a notebook.
     saving : bool

@@ -47,8 +47,8 @@ class DamagedMessage(InjectedFault):
     processor : int, optional
         The processor to which they go, or from which they come; any by default.
     token : int
-        Which of its tokens, counted from 0: three of the route header, the payload, END. By default the first after
-        the header. That of an answer cannot be damaged: where else it would lead the model does not know.
+        The number of one of its tokens, counted from 0: three of the route header, the payload, END. By default the
+        first after the header. That of an answer cannot be damaged: where else it would lead the model does not know.
     times : int
         How many such messages.
     """

@@ -23,7 +23,7 @@ class FlippedUsbBit(InjectedFault):
     endpoint : int
         The endpoint's address: 1 and 129 carry blocks and records, 3 and 131 the console.
     byte, bit : int
-        Where in the packet; shorter ones pass unharmed and do not count.
+        The place in the packet; shorter ones pass unharmed and do not count.
     times : int
         How many packets.
     """

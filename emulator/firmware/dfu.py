@@ -85,7 +85,7 @@ class DfuMode:
     flash : Flash
         The flash, with power.
     running : Bank
-        Where the firmware came from that ran until now; it is not touched.
+        The bank of the firmware that ran until now; it is not touched.
     keys : sequence of Ed25519PublicKey
         Keys that may sign images; without any, an image need not be signed (clause FWU-012).
 

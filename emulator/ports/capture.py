@@ -81,7 +81,7 @@ class Capture(Drawable):
     open_since : mapping of int to int
         Transducers that are not connected, each with the tick since when: their outputs switch, and they emit nothing.
     start_tick : int
-        Where it begins, if what was before has been forgotten.
+        The tick at which it begins, if what was before has been forgotten.
     """
 
     wiring: Wiring

@@ -87,7 +87,7 @@ def absorb(s: Any, inbox: Any, d: int, now: int) -> None:
     s : (n,) int64
         State of the core.
     inbox : (32, n) int64
-        For each channel end tokens, with their cycles in the bits from 16 on.
+        The tokens of each channel end, with their cycles in the bits from 16 on.
     d : int
         Number of the channel end.
     now : int
@@ -174,7 +174,7 @@ def send(s: Any, outbox: Any, inbox: Any, c: int, value: int, count: int, now: i
     s : (n,) int64
         State of the core.
     outbox : (32, n) int64
-        For each channel end the tokens of its message to elsewhere.
+        The tokens of its message to elsewhere.
     inbox : (32, n) int64
         As for `absorb`.
     c : int

@@ -207,8 +207,8 @@ def steps(execution: Execution, last: int) -> Iterator[Step]:
     Yields
     ------
     Step
-        In the order of cycles, up to that cycle, or until a thread traps without a handler or nothing can happen any
-        more.
+        The steps in the order of cycles, up to that cycle, or until a thread traps without a handler or nothing can
+        happen any more.
     """
     core = execution.core
     program = execution.setup.program

@@ -113,9 +113,9 @@ class Tables(NamedTuple):
         The word for the second half of a long instruction, without the operands of the first; `two` is for first
         halves of two operands, by their bit 4.
     bits, scale : (256,) int32
-        By code: the bits of the immediate in a short form, 0 if it cannot have a prefix, and the immediate's unit.
+        The bits of each code's immediate in a short form, 0 if it cannot have a prefix, and its unit.
     last : (256,) int32
-        By code: whether the last field is 1 a number or 2 a bit position.
+        Whether the last field of each code is 1 a number or 2 a bit position.
     positions : (16,) int32
         Bit positions by their code.
     """
@@ -176,7 +176,7 @@ def encode(code: int, operands: Sequence[int] = (), imm: int = 0, *, size: int =
     operands : sequence of int
         The operand fields, a first, as in `Decoded`; as many as the format has, or more.
     imm : int
-        For N the number, for T the distance in bytes from the instruction's end, without a sign or with the right one.
+        The number for N; for T the distance in bytes from the instruction's end, without a sign or with the right one.
         U and P are operand fields, so it does not matter for them.
     size : int
         2 or 4 bytes, or 0 for the shorter that fits.

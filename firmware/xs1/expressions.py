@@ -47,7 +47,7 @@ class Expression(NamedTuple):
     Parameters
     ----------
     evaluate : callable
-        From a function that gives the values of symbols to a `Value`. It raises `ExpressionError`.
+        A callable from a function that gives the values of symbols to a `Value`. It raises `ExpressionError`.
     symbols : frozenset of str
         All that occur.
     """

@@ -130,7 +130,7 @@ def run(
     code : (HALVES + 2,) int64
         Decoded instructions: code, operands from bit 8 on, 4 bits each, LONG, and the immediate from bit 32 on.
     marks : (HALVES // 2,) uint8
-        Of each word of memory, whether it may be in `code`.
+        Whether each word of memory may be in `code`.
     processor : (PROCESSOR_REGISTERS,) int64
         Registers of the processor state.
     inbox, outbox : (32, n) int64

@@ -49,7 +49,7 @@ def input_is_ready(s: Any, b: int) -> bool:
     s : (n,) int64
         State of the core.
     b : int
-        Where the row of the port begins.
+        The index at which the port's row begins.
     """
     if s[b + st.FULL] == 0 or (s[b + st.TIMED] != 0 and s[b + st.STAMP] != s[b + st.PORT_TIME]):
         return False
@@ -286,7 +286,7 @@ def update(s: Any, regs: Any, pins: Any, log: Any, p: int, now: int) -> None:
     regs : (n,) uint32
         Registers of all threads.
     pins : (ports, n, 2) int64
-        For each port cycles and values of its input pins, which Python has written.
+        The cycles and values of its input pins, which Python has written.
     log : (n, 3) int64
         Port, cycle and value of each change of watched pins.
     p : int

@@ -108,7 +108,8 @@ def redecode(tables: Tables, halves: Any, words: Any, imm: Any, index: int) -> N
     halves, words, imm
         As for `predecode_all`.
     index : int
-        Of the half word. After a store call it for the changed half words and the one before the first of them.
+        The index of the half word. After a store call it for the changed half words and the one before the first of
+        them.
     """
     high = int(halves[index + 1]) if index + 1 < len(halves) else 0xFFFF  # which completes no instruction
     words[index], imm[index] = decode_pair(tables, int(halves[index]), high)

@@ -63,13 +63,13 @@ class LinkedProgram:
         Addresses and numbers by name. A name that only its source knows has the source's name before it, as in
         ``"receive.s:loop"``, if another source has the same one. Labels that begin with ``.L`` are left out.
     sections : sequence of Section
-        In the order of addresses.
+        The sections in the order of addresses.
     functions : sequence of Function
-        In the order of addresses.
+        The functions in the order of addresses.
     code : sequence of (int, int)
         Begin and end of each stretch of instructions; the rest of the image is data.
     lines : sequence of Line
-        In the order of addresses; empty in what `read_map` returns.
+        The lines in the order of addresses; empty in what `read_map` returns.
     constants : frozenset of str
         The symbols that are numbers rather than addresses.
     """

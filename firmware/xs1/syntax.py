@@ -29,7 +29,7 @@ class Meaning(NamedTuple):
     number : str
         The text of U, P, N or T; empty if there is none.
     letter : str
-        Which of these; empty if there is none.
+        One of these; empty if there is none.
     """
 
     code: int

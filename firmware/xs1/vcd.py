@@ -30,7 +30,7 @@ def write_port_vcd(
     ----------
     path : str or Path
     changes : mapping
-        By the port's identifier: cycles, and the words from then on; words are 0 before the first.
+        The cycles of each port, by its identifier, and the words from then on; words are 0 before the first.
     end : int
         The cycle at which the file ends.
 

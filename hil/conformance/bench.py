@@ -112,7 +112,7 @@ class Bench(Dialogue):
     block_seconds : float
         How long a block and its acknowledgement take on this line, as measured at the first case.
     tried : list of int
-        Of how many values this case tried how many.
+        The number of values that this case tried, and the number that there are.
     """
 
     def __init__(

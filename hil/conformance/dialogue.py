@@ -90,7 +90,7 @@ class Dialogue(Pacing):
     info : Info
         The device's first answer.
     random : random.Random
-        For this case: the same for the same seed, whatever ran before.
+        The generator for this case: the same for the same seed, whatever ran before.
     unasked : list of Status
         Unsolicited status records since the case began or `unasked` was cleared.
     """

@@ -124,7 +124,7 @@ class PluggedLevers(Levers):
     Parameters
     ----------
     parts : iterable of (str, Levers)
-        With their texts, for errors.
+        The levers with their texts, for errors.
 
     Attributes
     ----------

@@ -20,8 +20,8 @@ class RunOptions:
     url : str
         The URL by which the host finds the device.
     capture : str or None
-        By what the outputs are seen: ``SCHEME:REST`` such as ``sigrok:FILE`` (`capture_of`), ``emulator`` or ``none``.
-        None for the emulator if there is one in this process.
+        The capture that sees the outputs: ``SCHEME:REST`` such as ``sigrok:FILE`` (`capture_of`), ``emulator`` or
+        ``none``. None for the emulator if there is one in this process.
     levers : tuple of str
         What can be done to the device: ``SCHEME:REST`` such as ``command:power=PROGRAM {}`` (`open_levers`), or
         ``emulator``. If there are none, those of the emulator if there is one in this process.

@@ -73,7 +73,7 @@ class Result:
     reason : str
         The reason, if it is no pass; empty for a pass.
     evidence : tuple of Evidence
-        In order.
+        The evidence in order.
     seconds : float
         Duration by the wall clock.
     known : str or None
@@ -172,7 +172,7 @@ class Provenance:
     seed : int
         Seed of all random numbers.
     cores : int
-        Of the computer that ran the suite.
+        The cores of the computer that ran the suite.
     load : tuple of float, or None
         Its load average over a minute, when the run began and when it ended; None if its system has no such figure.
     """
@@ -199,7 +199,7 @@ class Run:
     ----------
     provenance : Provenance
     results : tuple of Result
-        In the order of the cases.
+        The results in the order of the cases.
     trouble : tuple of str
         Trouble of the run itself, such as a known failure of no case; it fails the run.
     claims : tuple of Claim

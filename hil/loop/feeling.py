@@ -37,7 +37,7 @@ def felt_from(
     medium : Medium, optional
         The air; 20 °C by default.
     skin : Skin, optional
-        Of the hand by default.
+        The skin of the hand by default.
 
     Raises
     ------

@@ -38,9 +38,9 @@ class RigRun(CheckedRun):
     begins : tuple of int
         The core cycle, of the time of all, at which the frame began on each device.
     channels : tuple of (k,) int
-        Of each device, its transducers that belong to the array.
+        The transducers of each device that belong to the array.
     built : TransducerArray
-        Where the transducers really are.
+        The array where the transducers really are.
     """
 
     solution: Solution
@@ -87,13 +87,13 @@ def run_rig(
     Parameters
     ----------
     solution : Solution
-        For the array of the group.
+        A solution for the array of the group.
     group : DeviceGroup
         The open devices, each one of the emulators, in their order.
     emulators : sequence of Emulator
         Plugged in, and of one time, as a `Cluster`'s.
     built : TransducerArray, optional
-        Where the transducers really are, if it is not where the rig says.
+        The array where the transducers really are, if it is not where the rig says.
 
     Raises
     ------

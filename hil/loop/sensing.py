@@ -46,15 +46,15 @@ class Sensation:
     cycle : Cycle
         As it was played.
     felt : FeltMap
-        By skin.
+        What skin feels.
     sound : Audible
-        At the listeners.
+        The sound at the listeners.
     exposure : Exposure
         There, to ultrasound.
     power : RadiatedPower
-        Of the array.
+        The power that the array radiates.
     validity : Validity
-        Of the strongest pressure on the skin.
+        The validity of the strongest pressure on the skin.
     """
 
     cycle: Cycle
@@ -94,14 +94,14 @@ def sense(
     Parameters
     ----------
     cycle : Cycle
-        For 320 transducers.
+        A cycle for 320 transducers.
     places : SkinPlaces
         k places of skin.
     listeners : (j, 3) float, optional
         Places, in metres, at which sound and ultrasound are judged; by default the ears of a `seated` person, and for
         ultrasound the nose as well.
     array : TransducerArray, optional
-        By default that of the boards.
+        The array; by default that of the boards.
     medium : Medium, optional
         The air; 20 °C by default.
 

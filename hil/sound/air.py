@@ -216,7 +216,7 @@ class Playback:
         at : ControlPoints, Shape or (k, 3) float
             Points, in metres; any number of them, because nothing is kept over time.
         frequency : float
-            In hertz; 0 is the mean.
+            The frequency in hertz; 0 is the mean.
         first, last : int
             Carrier periods of the capture, a whole number of cycles.
 
@@ -349,7 +349,7 @@ def component(series: ArrayLike, frequency: float, rate: float) -> NDArray[np.fl
     series : (..., t) float
         A whole number of cycles.
     frequency : float
-        In hertz; 0 is the mean.
+        The frequency in hertz; 0 is the mean.
     rate : float
         Samples per second.
 

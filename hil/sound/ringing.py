@@ -129,7 +129,7 @@ class ResonatorBank:
     amplifier : Amplifier
         Between outputs and resonators.
     resonance : OnePole
-        In steps of a tick.
+        The resonance in steps of a tick.
     period : int
         Carrier period in which to begin, which may be negative.
     """

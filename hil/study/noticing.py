@@ -92,7 +92,7 @@ def felt_on_hand(
     Returns
     -------
     levels : (w, k) float
-        In windows of 50 ms, relative to the threshold.
+        The levels in windows of 50 ms, relative to the threshold.
     skin : Unfolded
         The k places, on the hand at the origin.
     """

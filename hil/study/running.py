@@ -127,17 +127,17 @@ def run_study(
     Parameters
     ----------
     persons : int
-        At least two: a judge is tested on persons that it does not know.
+        The number of persons, at least two: a judge is tested on persons that it does not know.
     repeats : int
         How often each explores each of the six shapes.
     seed : int
         The same seed gives the same answers.
     seconds : float
-        Of each exploration.
+        The duration of each exploration.
     processes : int
-        That share the trials.
+        The number of processes that share the trials.
     on_trial : callable, optional
-        Is called with the number of trials that are done, and of all.
+        A function that is called with the number of trials that are done, and of all.
 
     Raises
     ------

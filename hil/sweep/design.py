@@ -77,15 +77,15 @@ class Design:
     tolerance_mm : float
         Standard deviation of each coordinate of a transducer's place, 0 to 5 mm. The solver does not know it.
     temperature_c, assumed_c : float
-        Of the air, and what the solver takes it for, −20 to 60 °C.
+        The temperature of the air, and what the solver takes it for, −20 to 60 °C.
     gain_error_db, phase_error_deg : float
         Standard deviation of each transducer's gain and phase after calibration, up to 6 dB and 360 degrees. The solver
         does not know it.
     modulation_hz : float
         Frequency of the modulation that is heard, 50 to 800 Hz.
     seed : int
-        Of the errors. Designs with the same seed and number of transducers have the same errors, each times its
-        standard deviation: so designs differ by what was designed, not by chance. Several seeds show the chance.
+        The seed of the errors. Designs with the same seed and number of transducers have the same errors, each times
+        its standard deviation: so designs differ by what was designed, not by chance. Several seeds show the chance.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class Sweep:
     designs : tuple of Design
         The rows.
     points : dict of str to ControlPoints
-        Of each source.
+        The control points of each source.
     """
 
     designs: tuple[Design, ...]

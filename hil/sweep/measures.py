@@ -108,7 +108,7 @@ def measure(design: Design, points: ControlPoints) -> Measures:
     design : Design
         What to build.
     points : ControlPoints
-        Of its source.
+        The control points of its source.
 
     Raises
     ------

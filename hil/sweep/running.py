@@ -45,14 +45,14 @@ def run_sweep(
     sweep : Sweep
         What to measure.
     output : str or Path
-        Where to write. Until all rows are done, those that are stand in a journal beside it, ``OUTPUT.unfinished``:
+        The file to write. Until all rows are done, those that are stand in a journal beside it, ``OUTPUT.unfinished``:
         another run goes on from there. If the output has the results of this sweep already, nothing is measured.
     on, workers
         Who measures, see `open_crew`.
     on_begin : callable, optional
-        Is called with the crew when it is ready.
+        A function that is called with the crew when it is ready.
     on_row : callable, optional
-        Is called with the number of rows that are done, and of all.
+        A function that is called with the number of rows that are done, and of all.
 
     Raises
     ------

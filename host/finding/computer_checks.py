@@ -43,11 +43,11 @@ class Computer:
     system : str
         As `sys.platform`.
     root : Path
-        Where its files lie.
+        The folder where its files lie.
     superuser : bool
         Whether this program may do anything.
     groups : frozenset of str
-        To which its user belongs.
+        The groups to which its user belongs.
     """
 
     system: str

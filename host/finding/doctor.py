@@ -56,7 +56,7 @@ def examine(url: str | None = None, *, play: bool = False, computer: Computer | 
     Parameters
     ----------
     url : str, optional
-        Of the device; by default the only one that can be found.
+        The URL of the device; by default the only one that can be found.
     play : bool
         Whether to play each transducer alone, softly: some seconds of sound.
     computer : Computer, optional

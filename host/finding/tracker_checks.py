@@ -70,11 +70,11 @@ class Watched:
     Parameters
     ----------
     frames : tuple of HandFrame
-        In the array's coordinates.
+        The frames in the array's coordinates.
     arrivals : tuple of float
         When each came, in seconds of the clock that the frames' times are by.
     seconds : float
-        For how long it was watched, or how much of it was read.
+        How long it was watched, or how much of it was read.
     live : bool
         Whether its frames came by themselves.
     idle : float
@@ -161,11 +161,11 @@ def watch(
     source : HandSource
         It stays open.
     seconds : float
-        For how long.
+        How long to watch.
     on_frame : callable
         Gets each frame that is news.
     clock : Timekeeper
-        By which a live source gives its frames.
+        The clock by which a live source gives its frames.
     """
     frames: list[HandFrame] = []
     arrivals: list[float] = []

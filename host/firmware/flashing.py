@@ -85,11 +85,11 @@ class FlashReport:
     device : str
         Its name.
     before : Version
-        Of the firmware that ran.
+        The version of the firmware that ran.
     firmware : Version
-        Of that which all eleven processors run now.
+        The version of the firmware that all eleven processors run now.
     bank : Bank
-        Where it lies.
+        The bank where it lies.
     trust : Trust
         Who stands behind it.
     written : bool
@@ -146,7 +146,8 @@ def flash(
     Parameters
     ----------
     url : str
-        Of the device: a scheme with a USB bus, such as ``usb:`` or ``usb:SERIAL``. It may be in DFU mode already.
+        The URL of the device: a scheme with a USB bus, such as ``usb:`` or ``usb:SERIAL``. It may be in DFU mode
+        already.
     firmware : Firmware
         What `images.read_firmware` has read.
     allow_downgrade, allow_other_protocol : bool

@@ -16,7 +16,7 @@ class TrackedHand:
     Parameters
     ----------
     hand : Hand
-        In metres.
+        The hand in metres.
     id : int
         Stays the same as long as the tracker follows the hand.
     """
@@ -36,7 +36,7 @@ class HandFrame:
     hands : tuple of TrackedHand
         None if no hand is in view.
     number : int
-        Of the frame, as the tracker counts them: a gap is a frame that was dropped.
+        The number of the frame, as the tracker counts them: a gap is a frame that was dropped.
     notes : tuple of str
         What was wrong with the tracker's hands: which ones were repaired or left out, and why.
     """

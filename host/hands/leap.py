@@ -111,7 +111,7 @@ class ServiceClock:
         stamp : float
             The service's time in µs.
         arrival : float
-            In seconds of this computer's clock.
+            The arrival in seconds of this computer's clock.
         """
         seconds = stamp * 1e-6
         on_way = arrival - seconds

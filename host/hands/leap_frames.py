@@ -49,7 +49,7 @@ def hands_of(frame: Mapping[str, Any]) -> tuple[tuple[TrackedHand, ...], tuple[s
     hands : tuple of TrackedHand
         Those that can be used.
     notes : tuple of str
-        Which hands were left out or repaired, and why.
+        A text for each hand that was left out or repaired, and why.
 
     Raises
     ------

@@ -38,7 +38,7 @@ class LeapRecording(NamedTuple):
     Parameters
     ----------
     frames : tuple of HandFrame
-        With times from 0 s on.
+        The frames with times from 0 s on.
     rate : float
         Frames per second.
     """

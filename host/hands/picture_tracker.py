@@ -23,8 +23,8 @@ class CameraView:
     fov : float
         The angle that the picture's width fills, in degrees.
     length : float
-        Of the hands that are seen, from the wrist's crease to the middle fingertip, in metres. All distances are in
-        proportion to it.
+        The length of the hands that are seen, from the wrist's crease to the middle fingertip, in metres. All distances
+        are in proportion to it.
     mirrored : bool
         Whether the picture is a mirror's, as programs for selfies show it.
     hands : int
@@ -44,9 +44,9 @@ class SeenHand:
     Parameters
     ----------
     landmarks : (21, 3) float
-        As MediaPipe gives them; see `pinhole.in_space`.
+        The landmarks as MediaPipe gives them; see `pinhole.in_space`.
     side : str
-        As it looks in the picture.
+        The side as it looks in the picture.
     """
 
     landmarks: Landmarks

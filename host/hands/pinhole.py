@@ -30,9 +30,9 @@ def unmirrored(landmarks: Landmarks, side: Side) -> tuple[Landmarks, Side]:
     Parameters
     ----------
     landmarks : (21, 3) float
-        In a mirrored picture; x from 0 at its left to 1 at its right.
+        The landmarks in a mirrored picture; x from 0 at its left to 1 at its right.
     side : str
-        Of the hand, as it looks there: a mirror turns right hands into left ones.
+        The side of the hand, as it looks there: a mirror turns right hands into left ones.
     """
     return np.column_stack((1 - landmarks[:, 0], landmarks[:, 1:])), "left" if side == "right" else "right"
 
@@ -46,15 +46,15 @@ def in_space(landmarks: Landmarks, aspect: float, view_degrees: float, length: f
     Parameters
     ----------
     landmarks : (21, 3) float
-        As MediaPipe gives them: x and y as parts of the picture's width and height, from its top left corner; z
-        relative to the wrist, on the scale of x, and smaller if closer to the camera.
+        The landmarks as MediaPipe gives them: x and y as parts of the picture's width and height, from its top left
+        corner; z relative to the wrist, on the scale of x, and smaller if closer to the camera.
     aspect : float
         The picture's height divided by its width.
     view_degrees : float
         The angle that the picture's width fills.
     length : float
-        Of the hand, from the wrist's crease to the middle fingertip, in metres. Its palm has the mean hand's part of
-        it: the mean distance from the wrist to the four knuckles.
+        The length of the hand, from the wrist's crease to the middle fingertip, in metres. Its palm has the mean hand's
+        part of it: the mean distance from the wrist to the four knuckles.
 
     Returns
     -------

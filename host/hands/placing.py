@@ -20,9 +20,9 @@ class PlacedHands:
     Parameters
     ----------
     source : HandSource
-        Is closed with this one.
+        The source, which is closed with this one.
     pose : Pose, optional
-        From its coordinates to the array's; by default they are the same.
+        The pose that leads from its coordinates to the array's; by default they are the same.
     """
 
     def __init__(self, source: HandSource, pose: Pose | None = None) -> None:

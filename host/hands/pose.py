@@ -32,7 +32,7 @@ class Pose:
     rotation : (3, 3) float
         Turns the tracker's axes into the array's.
     translation : (3,) float
-        Of the tracker's origin in the array's coordinates, in metres.
+        The place of the tracker's origin in the array's coordinates, in metres.
     scale : float
         Corrects the tracker's lengths, from `LEAST_SCALE` to `MOST_SCALE`.
 
@@ -84,7 +84,7 @@ class Pose:
         Raises
         ------
         ValueError
-            That names the field that is unknown or wrong.
+            An error that names the field that is unknown or wrong.
         """
         for key in table:
             if key not in _KEYS:
@@ -109,7 +109,7 @@ class Pose:
         Parameters
         ----------
         seen : (m, 3) float
-            In the tracker's coordinates, in metres; m of at least 3, not all in a line.
+            The seen points in the tracker's coordinates, in metres; m of at least 3, not all in a line.
         true : (m, 3) float
             The same points in the array's coordinates, in metres.
 

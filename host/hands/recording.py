@@ -57,9 +57,9 @@ class HandRecorder:
     rate : float
         Frames per second that can be expected.
     source : str
-        Where the hands come from, for people.
+        The place where the hands come from, for people.
     pose : Pose, optional
-        That was applied to the hands.
+        The pose that was applied to the hands.
     """
 
     def __init__(self, path: FilePath, rate: float, source: str = "", pose: Pose | None = None) -> None:
@@ -137,9 +137,9 @@ class HandRecording:
     rate : float
         Frames per second.
     source : str
-        Where the hands came from, for people.
+        The place where the hands came from, for people.
     pose : Pose or None
-        That was applied to them.
+        The pose that was applied to them.
     complete : bool
         Whether the recording ends as it should; false if it was cut off.
     """
@@ -394,7 +394,7 @@ def played(
     Parameters
     ----------
     name : str
-        For people.
+        The name for people.
     frames : iterable of HandFrame
         It can be read again and again.
     rate : float
@@ -402,9 +402,9 @@ def played(
     options : mapping
         As `PLAYING` reads them: ``speed``, by default 1, and ``loop``, by default False.
     clock : Timekeeper
-        By which frames are due.
+        The clock by which frames are due.
     close : callable
-        Is called when the source is closed.
+        A function that is called when the source is closed.
     """
     speed = options.get("speed", 1.0)
     return PlayedHands(name, _repeated(frames, rate, speed, options.get("loop", False)), rate * speed, clock, close)

@@ -28,7 +28,7 @@ def open_returning(
     url, clock
         As for `open_hands`, whose errors it raises. A source that is not live cannot be lost.
     on_loss : callable, optional
-        Is called with the reason of each loss.
+        A function that is called with the reason of each loss.
     """
     source = open_hands(url, clock)
     return _ReturningHands(source, partial(open_hands, url, clock), on_loss) if source.live else source

@@ -84,8 +84,8 @@ class HandSource(Protocol):
         Returns
         -------
         HandFrame or None
-            With its time by the clock that the source was opened with. None if there was none in time; `ended` says
-            whether to wait again.
+            A frame with its time by the clock that the source was opened with. None if there was none in time; `ended`
+            says whether to wait again.
 
         Raises
         ------
@@ -170,9 +170,9 @@ def open_hands(url: str, clock: Timekeeper = time) -> HandSource:
     Parameters
     ----------
     url : str
-        Such as ``recording:wave.hands``, ``gesture:grasp`` or ``leap:``.
+        A URL such as ``recording:wave.hands``, ``gesture:grasp`` or ``leap:``.
     clock : Timekeeper
-        By which frames of recordings and gestures are due; the computer's by default.
+        The clock by which frames of recordings and gestures are due; the computer's by default.
 
     Raises
     ------
@@ -207,7 +207,7 @@ def read_options(rest: str, known: Mapping[str, Callable[[str], Any]], form: str
     Parameters
     ----------
     rest : str
-        That text.
+        The text after the colon.
     known : mapping
         What reads the value of each option; it raises ValueError for a bad one.
     form : str
@@ -268,15 +268,15 @@ class PlayedHands(HandFeed):
     Parameters
     ----------
     name : str
-        For people.
+        The name for people.
     frames : iterator of HandFrame
-        With times that never decrease.
+        Frames with times that never decrease.
     rate : float
         Frames per second that can be expected.
     clock : Timekeeper
-        By which they are due: the first at the first call of `next_frame`.
+        The clock by which they are due: the first at the first call of `next_frame`.
     close : callable
-        Is called when the source is closed.
+        A function that is called when the source is closed.
     """
 
     live = False
@@ -347,7 +347,7 @@ class LiveHands(HandFeed):
     Parameters
     ----------
     name : str
-        For people.
+        The name for people.
     rate : float
         Frames per second that can be expected.
 

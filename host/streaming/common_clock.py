@@ -66,16 +66,16 @@ class CommonClock:
     Parameters
     ----------
     names : sequence of str
-        Of the devices, for errors.
+        The names of the devices, for errors.
     readings : sequence of ClockReading
-        Of each device.
+        A reading of each device.
 
     Attributes
     ----------
     shared : bool
         Whether the devices share a sync line.
     offsets : list of int
-        By how many periods the count of each device is ahead of the first one's.
+        The number of periods by which the count of each device is ahead of the first one's.
     error : float
         The greatest distance of periods that should coincide, in seconds: 0 on one sync line, else as estimated.
     drift_ppm : float

@@ -40,13 +40,13 @@ def play_cycle(device: AnyDevice, cycle: Cycle, *, unattended: bool = False, lim
     Parameters
     ----------
     device : Device or DeviceGroup
-        On which to play.
+        The device on which to play.
     cycle : Cycle
-        At most as many different frames as the device has slots.
+        A cycle of at most as many different frames as the device has slots.
     unattended : bool
         Whether it goes on when the host falls silent.
     limit : callable, optional
-        That what is emitted must keep.
+        A limit that what is emitted must keep.
 
     Raises
     ------

@@ -113,7 +113,7 @@ class Device:
     Attributes
     ----------
     calibration : Calibration or None
-        As given.
+        The calibration as given.
     found : Status
         Its state when it was opened, before that changed anything: its settings are an earlier host's.
     """
@@ -422,7 +422,7 @@ class Device:
         samples : bytes or sequence of int
             Amplitudes, 0 (silent) to 255 (as it is); 1 to `info.modulation_samples`.
         hold : int
-            For how many carrier periods each holds: 40 000 / (hold · number of samples) is the frequency in Hz.
+            How many carrier periods each holds: 40 000 / (hold · number of samples) is the frequency in Hz.
         period : int
             Its first period.
 

@@ -58,12 +58,12 @@ def sine(
     Parameters
     ----------
     frequency : float or (k,) float
-        In Hz, up to 20 000. Skin feels 40 to 400 Hz, 200 Hz best. It is met as nearly as `MODULATION_SAMPLES` in whole
-        carrier periods allow, and exactly if they have a whole number of its periods.
+        The frequency in Hz, up to 20 000. Skin feels 40 to 400 Hz, 200 Hz best. It is met as nearly as
+        `MODULATION_SAMPLES` in whole carrier periods allow, and exactly if they have a whole number of its periods.
     depth : float
         1 for down to silence, 0 for none.
     phase : float or (k,) float
-        Of the cosine at the beginning, in degrees.
+        The phase of the cosine at the beginning, in degrees.
     force : bool
         Whether the radiation pressure, which goes with the square of the amplitude, follows the cosine, and not the
         amplitude itself.

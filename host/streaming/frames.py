@@ -95,15 +95,15 @@ class LoopedFrames:
     Parameters
     ----------
     cycle : Cycle
-        Of drives; its envelope is not applied.
+        A cycle of drives; its envelope is not applied.
     rate : float
         Frames per second.
     calibration : Calibration, optional
-        Of the device, applied to the drives.
+        The calibration of the device, applied to the drives.
     frames : int
         After which it ends.
     down : TurnedDown, optional
-        By a limit that what is emitted must keep.
+        How much a limit turns down what is emitted.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def to_pulses(frame: Frame, calibration: Calibration | None, channels: int) -> P
     frame : Pulses, Solution or (n,) complex
         The frame to play.
     calibration : Calibration, optional
-        That of the device, applied to a drive.
+        The calibration of the device, applied to a drive.
     channels : int
         Transducers of the device.
 
@@ -198,13 +198,13 @@ def interpolated_frames(
     Parameters
     ----------
     frames : Frames
-        Of drives.
+        Frames of drives.
     rate : float
         Frames per second; each lasts the nearest whole number of carrier periods.
     calibration : Calibration, optional
-        Of the device.
+        The calibration of the device.
     down : TurnedDown
-        By a limit that what is emitted must keep.
+        How much a limit turns down what is emitted.
 
     Raises
     ------
@@ -283,7 +283,7 @@ def frame_source(source: Frames, calibration: Calibration | None, channels: int)
         Arrays and recordings are read piece by piece, and never copied as a whole. A frame of an iterable is requested
         only when it is taken, so it may be endless, and make each frame at the last moment.
     calibration : Calibration, optional
-        That of the device, applied to drives.
+        The calibration of the device, applied to drives.
     channels : int
         Transducers of the device.
 

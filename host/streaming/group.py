@@ -103,7 +103,7 @@ class DeviceGroup:
     array : TransducerArray
         All transducers, in place.
     calibration : Calibration or None
-        Of all transducers.
+        The calibration of all transducers.
     common : CommonClock
         How the devices' periods are related: by a sync line, or by estimate, with its error.
     time : Timekeeper

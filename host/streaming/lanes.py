@@ -72,7 +72,7 @@ class Lane:
     Parameters
     ----------
     session : Session
-        With the device.
+        The session with the device.
     permit : callable
         Raises a `DeviceError` if the stream must end.
     begin : callable
@@ -87,7 +87,7 @@ class Lane:
     part : callable
         Its pulses of the frames of all.
     offset : int
-        By how many periods its count is ahead of the first device's.
+        The number of periods by which its count is ahead of the first device's.
     clock : DeviceClock
         Its time by the host's.
     """

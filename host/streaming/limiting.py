@@ -33,16 +33,16 @@ def pulses_within(
     Parameters
     ----------
     drives : (k, n) complex
-        Of magnitude at most 1.
+        Drives of magnitude at most 1.
     calibration : Calibration, optional
-        Of the device.
+        The calibration of the device.
     limit : callable, optional
         See `Limit`; without it nothing is turned down.
 
     Returns
     -------
     PulseFrames
-        Of k frames.
+        The pulses of k frames.
     float
         The factor by which the drives were turned down, 1 for not at all.
 

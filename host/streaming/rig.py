@@ -31,16 +31,16 @@ class RigDevice:
     Parameters
     ----------
     url : str
-        By which it is opened, as by `open_device`.
+        The URL by which it is opened, as by `open_device`.
     array : TransducerArray, optional
         Its transducers where they are: ``TransducerArray.grid().placed(rotation, position)``. By default 20 × 16 about
         the origin.
     name : str, optional
-        For messages; its URL by default.
+        The name in messages; its URL by default.
     calibration : Calibration, optional
         The real emission of each of these transducers.
     channels : (n,) int, optional
-        For each transducer of ``array``, its number in the device's own order. By default the device has as many, in
+        The number of each transducer of ``array`` in the device's own order. By default the device has as many, in
         this order; those that are not named stay silent.
 
     Raises

@@ -62,7 +62,7 @@ class StreamReport:
     accepted : int
         Frames that the device has accepted.
     late : int
-        Of these, how many could not begin in their named period, and began later.
+        How many of these could not begin in their named period, and began later.
     damaged : int
         Frames that arrived damaged, and so were not played.
     refused : int
@@ -72,7 +72,7 @@ class StreamReport:
     underruns : int
         How often source or host was too late, and the rest of the stream was moved.
     moved_periods : int
-        By how many carrier periods in all.
+        How many carrier periods in all.
     reconnects : int
         How often the device was lost and came back.
     missed_commits : int
@@ -88,7 +88,7 @@ class StreamReport:
     uncertainty : float
         Uncertainty of the device's clock, in seconds.
     apart : float or None
-        Of several devices, the greatest distance of periods that should coincide, in seconds: 0 on one sync line, else
+        The greatest distance of periods that should coincide, in seconds: 0 on one sync line, else
         as estimated. None for one device.
     """
 

@@ -18,10 +18,10 @@ class Fading:
     Parameters
     ----------
     ids : (m,) int64
-        Of the points, each once: first those that are there, in the order in which they were given, then those that
-        fade out.
+        The numbers of the points, each once: first those that are there, in the order in which they were given, then
+        those that fade out.
     positions : (m, 3) float
-        In metres. A point that fades out stays where it was last.
+        The positions in metres. A point that fades out stays where it was last.
     amplitudes : (m,) float
         What the points are to have at full strength, relative to each other.
     levels : (m,) float
@@ -59,7 +59,7 @@ class Fading:
         Parameters
         ----------
         ids, positions, amplitudes : (k,) int64, (k, 3) float, (k,) float
-            Of the points that are there now, each id once.
+            The values of the points that are there now, each id once.
         change : float
             How much a level changes in that time, above 0; at 1 or above there is no ramp.
         most : int

@@ -42,15 +42,15 @@ class PoseSolver:
     Parameters
     ----------
     array : TransducerArray
-        Of the device.
+        The array of the device.
     way : Way, optional
-        In which points are rendered; None chooses for each pose, as ``auto`` does.
+        The way in which points are rendered; None chooses for each pose, as ``auto`` does.
     method : str
         A key of `METHODS`.
     most_frames : int
         Fields of a cycle, at most.
     calibration : Calibration, optional
-        Of the device.
+        The calibration of the device.
     limit : callable, optional
         Turns down a pose; see `limiting.Limit`.
     """

@@ -63,15 +63,15 @@ class TouchLog:
     Parameters
     ----------
     path : str or Path
-        Of the recording of hands.
+        The path of the recording of hands.
     rate : float
         Frames per second that can be expected.
     render : str
-        In which way the points are rendered, for people.
+        The name of the way in which way the points are rendered, for people.
     source : str
-        Where the hands come from, for people.
+        The place where the hands come from, for people.
     pose : Pose, optional
-        That was applied to the hands.
+        The pose that was applied to the hands.
     """
 
     def __init__(self, path: FilePath, rate: float, render: str, source: str, pose: Pose | None = None) -> None:

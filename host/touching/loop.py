@@ -88,13 +88,13 @@ class TouchMoment(NamedTuple):
     Parameters
     ----------
     frame : HandFrame
-        As the source gave it.
+        The frame as the source gave it.
     time : float
-        Of the frame, by the device's clock in seconds.
+        The time of the frame, by the device's clock in seconds.
     hands : tuple of Hand
-        As they were predicted.
+        The hands as they were predicted.
     objects : sequence of Mesh
-        Where they were.
+        The objects where they were.
     touch : Touch
         Arcs and points of the hands.
     fading : Fading
@@ -118,7 +118,7 @@ class TouchLoop:
     Parameters
     ----------
     device : Device
-        To play on; the loop turns its outputs off at its end, and leaves it open.
+        The device to play on; the loop turns its outputs off at its end, and leaves it open.
     source : HandSource
         Opened with the device's clock, ``PlacedHands(open_hands(url, device.time), pose)``.
     objects : sequence of Mesh, or callable
@@ -126,24 +126,24 @@ class TouchLoop:
     toucher : Toucher
         Finds the points; it decides on their distance and their number.
     array : TransducerArray
-        Of the device.
+        The array of the device.
     method : str
-        By which fields are solved.
+        The method by which fields are solved.
     render : Way or str
-        In which way points are rendered; a text is read by `parse_way`. Two fields in turn, the default, are sent as
-        they come. For any other way the device repeats what it has stored, and a pose takes longer (`turns`).
+        The way in which way points are rendered; a text is read by `parse_way`. Two fields in turn, the default, are
+        sent as they come. For any other way the device repeats what it has stored, and a pose takes longer (`turns`).
     ramp : float
         Seconds in which a point comes and goes, 0 to `MOST_RAMP_SECONDS`.
     predict : bool
         Whether hands are moved ahead by their velocity.
     most_points : int
-        With those that fade out; the toucher's own limit by custom.
+        The most points with those that fade out; the toucher's own limit by custom.
     rate : float, optional
         Frames per second that are taken at most; all by default.
     limit : callable, optional
         Turns down a pose, such as for people's ears; see `limiting.Limit`.
     on_moment : callable, optional
-        Is called with the `TouchMoment` of each frame, after its field was sent.
+        A function that is called with the `TouchMoment` of each frame, after its field was sent.
 
     Raises
     ------
@@ -238,9 +238,10 @@ class TouchLoop:
         Parameters
         ----------
         seconds : float
-            At most.
+            How long at most.
         on_progress : callable, optional
-            Is called with the report as it stands some ten times a second, and at the end, however that comes.
+            A function that is called with the report as it stands some ten times a second, and at the end, however that
+            comes.
 
         Returns
         -------

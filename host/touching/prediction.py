@@ -48,7 +48,7 @@ class Predictor:
         frame : HandFrame
             Newer than those before it.
         moment : float
-            By the clock of the frame, in seconds; at most `MOST_AHEAD_SECONDS` after it are heeded.
+            The moment by the clock of the frame, in seconds; at most `MOST_AHEAD_SECONDS` after it are heeded.
         """
         ahead = min(max(moment - frame.time, 0.0), MOST_AHEAD_SECONDS)
         seen, moved = {}, []

@@ -25,7 +25,7 @@ class TouchReport:
     seconds : float
         How long it took, by the device's clock.
     frames : int
-        Of hands that were taken.
+        The number of frames of hands that were taken.
     dropped : int
         Frames between these that the loop, or the source, came too late for.
     touching : int
@@ -37,13 +37,13 @@ class TouchReport:
     points_mean : float
         Points that were played, on average of the poses that touched.
     points_most : int
-        At most.
+        The most points.
     out_of_reach : int
         Points that were left out, over all frames, because the array cannot reach them.
     blocks : int
         Blocks that were sent for fields.
     late : int
-        Of these, how many began later than the carrier period that they named.
+        How many of these began later than the carrier period that they named.
     slipped : int
         Turns of the modulation for which the host came too late.
     held_up : int
@@ -53,18 +53,19 @@ class TouchReport:
     last_note : str
         What it said last.
     frequency_hz : float
-        At which the fields of the last pose were repeated, as it came out; 0 if there were none.
+        The frequency at which the fields of the last pose were repeated, as it came out; 0 if there were none.
     stored : bool
         Whether the device took the turns from its memory, because the way of rendering has more than two fields, or the
         line is too slow for a block each.
     least_gain : float
         The smallest factor by which a limit has turned a pose down; 1 without a limit.
     latency : Latency
-        From the time stamp of a frame to the answer to the last block sent for it. Time stamps are by the device's
+        The time from the time stamp of a frame to the answer to the last block sent for it. Time stamps are by the
+        device's
         clock, and work between them by the computer's: of an emulated device, whose time stands still meanwhile, both
         count.
     stages : dict of str to Latency
-        Of that, for each of `STAGES`.
+        The parts of that for each of `STAGES`.
     """
 
     seconds: float = 0.0

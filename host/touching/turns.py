@@ -100,9 +100,9 @@ class Turns(Protocol):
     Attributes
     ----------
     blocks : int
-        That were sent for fields.
+        Blocks that were sent for fields.
     late : int
-        Of these, changes that began later than they named.
+        How many of these began later than they named.
     slipped : int
         Turns at whose beginning the host was held up, so that the field before played on.
     pace : float
@@ -150,7 +150,7 @@ def turns_for(device: Device, way: Way | None, watchdog: float) -> StreamedTurns
     Parameters
     ----------
     device : Device
-        To play on.
+        The device to play on.
     way : Way, optional
         Two fields that simply alternate can be streamed; any other way, and None for ``auto``, is stored.
     watchdog : float

@@ -262,11 +262,11 @@ class LibusbFlight(Flight):
     Parameters
     ----------
     path : str
-        Of libusb, as pyusb has loaded it.
+        The path of libusb, as pyusb has loaded it.
     context : pointer
-        Of libusb.
+        The context of libusb.
     handle : pointer
-        Of the device, opened, with its interface claimed.
+        The handle of the device, opened, with its interface claimed.
     """
 
     def __init__(self, path: str, context: Any, handle: Any) -> None:

@@ -125,7 +125,7 @@ class Found:
     Parameters
     ----------
     url : str
-        By which it is opened.
+        The URL by which it is opened.
     product : str
         Its name, empty if it cannot be read.
     serial : str or None
@@ -135,7 +135,7 @@ class Found:
     firmware : str
         Version of its firmware, empty if the line does not say.
     location : str
-        Where it is plugged in, for people.
+        The place where it is plugged in, for people.
     problem : str or None
         Why it cannot be opened, and what to do; None if nothing is known to be wrong.
     """

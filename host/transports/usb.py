@@ -51,7 +51,7 @@ class UsbTransport:
     Parameters
     ----------
     bus : UsbFinder
-        Where it is.
+        The bus where it is.
     seen : Sighting
         What was found there, perhaps not yet configured.
 

@@ -431,13 +431,13 @@ def select(
     Parameters
     ----------
     url : str
-        For the error.
+        The URL for the error.
     serial : str
         All of the serial number or a part of it; empty for any.
     found : list of Found
         What is there.
     modes : collection of {"run time", "DFU"}
-        In one of which it must be.
+        The modes in one of which it must be.
     hint : str
         The end of the error if there is none.
 

@@ -328,7 +328,7 @@ class UsbIpFlight(Flight):
     Parameters
     ----------
     handle : UsbIpHandle
-        Of the device, with its interface claimed.
+        The handle of the device, with its interface claimed.
     """
 
     def __init__(self, handle: UsbIpHandle) -> None:

@@ -93,7 +93,7 @@ def follow(
     connect : callable
         Attaches it.
     clock : Timekeeper
-        To wait by.
+        The clock to wait by.
     patience_seconds : float
         How long a device that has left may be missing.
     controller : Path

@@ -43,7 +43,7 @@ class ResidualTable:
     Parameters
     ----------
     values : (rows, columns) complex
-        In C order. Row i is sin²θ = i · `sine_squared_step`, the last one 1; column j is
+        The values in C order. Row i is sin²θ = i · `sine_squared_step`, the last one 1; column j is
         1/r = j · `inverse_distance_step`, from the far field, 0, to 1/`nearest`.
     kernel : Kernel
         Its `front` is to be multiplied with what is interpolated: cos^cosine θ · (r/0.30 m)^growth, which is 1 for

@@ -57,8 +57,8 @@ def cut(quads: ArrayLike, meshes: Mesh | Sequence[Mesh], hands: bool = False) ->
     Returns
     -------
     Arcs
-        By object, then by the first quadrilateral and face of each. They run counterclockwise around the inside of the
-        object as seen from the side from which the corners of the quadrilateral are counterclockwise.
+        The arcs by object, then by the first quadrilateral and face of each. They run counterclockwise around the
+        inside of the object as seen from the side from which the corners of the quadrilateral are counterclockwise.
 
     Raises
     ------

@@ -47,8 +47,8 @@ class Hand:
     Parameters
     ----------
     landmarks : (21, 3) float
-        In metres, in the array's coordinates, in the order of MediaPipe's hand landmarks: the wrist; then of thumb,
-        index, middle, ring and little finger four each, from the base to the tip.
+        The landmarks in metres, in the array's coordinates, in the order of MediaPipe's hand landmarks: the wrist; then
+        of thumb, index, middle, ring and little finger four each, from the base to the tip.
     side : str
         "left" or "right".
     widths : (5,) float, optional

@@ -28,7 +28,7 @@ class Split:
     Parameters
     ----------
     mask : (m,) bool
-        Which points are in the first half. Nulls, which are in both, are False.
+        Whether each point is in the first half. Nulls, which are in both, are False.
     axis : (3,) float
         Unit normal of the plane, from the first half to the second.
     ids : (m,) int64, optional

@@ -148,7 +148,7 @@ def read_volume_mesh(
     status : function, optional
         Function that gets a line of text for each stage, for people who wait.
     series : str or int, optional
-        Which of several: a DICOM series by its number, description or UID, or a volume of a NIfTI file from 0.
+        The one of several: a DICOM series by its number, description or UID, or a volume of a NIfTI file from 0.
 
     Raises
     ------

@@ -100,7 +100,7 @@ class Quieting:
     transducers : int
         n.
     rule : Completion or Rates
-        Which changes are allowed.
+        The rule for the changes that are allowed.
     """
 
     def __init__(self, transducers: int, rule: Completion | Rates) -> None:

@@ -83,7 +83,7 @@ class Bench:
     guest : Guest
         The guest.
     folder : Path
-        For files of the server.
+        The folder for files of the server.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class Bench:
         Parameters
         ----------
         *options : str
-            Of the program.
+            The options of the program.
         program : sequence of str
             What Python runs. Into the file that is named next it writes its TCP port, as ``emulate --json`` does.
         """
@@ -159,7 +159,7 @@ class Bench:
         Parameters
         ----------
         *options : str
-            Of ``phasewire attach``; with ``--loop`` a device that leaves comes back until `detach`.
+            The options of ``phasewire attach``; with ``--loop`` a device that leaves comes back until `detach`.
         count : int
             How many devices.
         """

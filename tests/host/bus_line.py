@@ -31,7 +31,7 @@ class BusLine:
     Attributes
     ----------
     pauses : list of (float, float)
-        From when to when, by the device's time in seconds, blocks stay on their way to the device.
+        The begin and the end of each time in which blocks stay on their way to the device, in its seconds.
     """
 
     name, serial, lossy, posts = "device on a bus", "", False, True

@@ -405,7 +405,7 @@ class Skewed:
     Parameters
     ----------
     keeper : Timekeeper
-        Of the device.
+        The time of the device.
     ppm : float
         How much faster the host's clock runs.
     """

@@ -105,7 +105,8 @@ class Passage(NamedTuple):
     slices : bytes
         Ten slices of 48 bytes.
     messages : tuple of bytes
-        That went onto the link, as `phasewire.protocol.chain.Message.encode` gives them: those of an accepted UPDATE.
+        The messages that went onto the link, as `phasewire.protocol.chain.Message.encode` gives them: those of an
+        accepted UPDATE.
     sorted_cycles : int
         Until it is decided on and its slices are complete.
     sent_cycles : int

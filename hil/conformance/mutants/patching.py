@@ -129,7 +129,7 @@ def mutant(
     by : callable, optional
         Without ``wraps``: the seam that takes a `Patch` and the mutant. Without either, the mutant takes a `Patch`.
     also : callable, optional
-        With ``wraps``: what else the mutant changes.
+        What else the mutant changes, with ``wraps``.
     each : mapping of str to str, optional
         Without ``wraps`` and ``by``: the function is a family of mutants. It takes a `Patch` and one of these names,
         with which the mutant's name ends; the words for it stand for ``{}`` in the sentence.

@@ -187,7 +187,7 @@ def run_mutants(
     Returns
     -------
     list of MutantResult
-        In the order of the mutants. The processes end with this function, even after an exception.
+        The results in the order of the mutants. The processes end with this function, even after an exception.
     """
     waiting, running, results = deque(chosen), dict[Mutant, Attempt](), dict[Mutant, MutantResult]()
     try:

@@ -148,7 +148,7 @@ def judge_all(
     Parameters
     ----------
     names : sequence of str
-        Of those to judge; none for all.
+        The names of those to judge; none for all.
     known : sequence of TextMutant
         All that there are.
     judge : callable

@@ -122,7 +122,7 @@ class Observer:
     Attributes
     ----------
     name : str
-        For reports, such as ``emulator`` or ``sigrok:FILE``.
+        The name in reports, such as ``emulator`` or ``sigrok:FILE``.
     deferred : bool
         Whether what happens can be seen after the run only. Then cases play marks, by which it is found.
     """

@@ -190,7 +190,7 @@ class RecordedObserver(Observer):
     Parameters
     ----------
     name : str
-        Of the capture, for reports.
+        The capture's name, for reports.
     open : callable
         Gives the recording; it is called when first something is to be seen of it, after the run. It was sampled at
         8 MHz or more, or at 2, 4 or 6 MHz.

@@ -111,7 +111,7 @@ def check_play(seen: Seen, steps: Iterable[tuple[int, Words]], last: int | None 
     Inconclusive
         If something should play, but none of its outputs is observed.
     AssertionError
-        With the first difference: its period, tick and output, what was seen there, and what should be.
+        An error with the first difference: its period, tick and output, what was seen there, and what should be.
     """
     last = seen.last_period if last is None else last
     known = list(steps)

@@ -87,7 +87,7 @@ def write(
     samples : (n, 10) uint32
         Port words.
     probes : mapping of int to str
-        Which outputs have a probe, and its name; in the order of the probes; there are some more probes.
+        The outputs that have a probe, and its name, in the order of the probes; there are some more probes.
     parts : sequence of int
         Samples at which parts begin.
     """

@@ -58,7 +58,7 @@ def moving_hand(motion: str, rate: float, seconds: float, seed: int, noise: floa
     rate : float
         Frames a second.
     noise : float
-        Of each landmark and coordinate, rms in metres.
+        The noise of each landmark and coordinate, rms in metres.
     """
     rng = np.random.default_rng((MOTIONS.index(motion), seed))
     base = (
