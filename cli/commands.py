@@ -12,6 +12,7 @@ import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
 from typing import Annotated, Any, NamedTuple, cast
 
@@ -166,9 +167,8 @@ class Commands(Mapping[str, TyperCommand | TyperGroup]):
             with loading():
                 import logging  # not for --help, which begins sooner without
 
-                logging.getLogger("phasewire.base.compiling").setLevel(
-                    logging.INFO
-                )  # it tells of its work, in pipes too
+                # it tells of its work, in pipes too
+                logging.getLogger("phasewire.base.compiling").setLevel(logging.INFO)
                 module = import_module(f".{HOMES[name].module}", __package__)
             group = typer.main.get_group(module.commands)
             command = self._loaded[name] = cast("TyperCommand | TyperGroup", group.commands.get(name, group))
@@ -256,6 +256,7 @@ def common(
     context.default_map = defaults_from_file(context)
 
 
+@cache
 def command_line() -> TyperGroup:
     """All commands for click; those that use a device take ``--verbose`` too, as the whole does."""
     root = typer.main.get_command(app)

@@ -35,7 +35,6 @@ from types import CodeType, FunctionType
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
-import hypothesis
 import pytest
 from numba.core.registry import CPUDispatcher
 
@@ -43,6 +42,8 @@ ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "mutation"
 REACHED, SECONDS = BUILD / "reached.json", BUILD / "seconds.json"
 ROOMS = ("protocol", "solver", "emulator", "host", "hil", "view", "feel", "firmware", "cli", "base")
+LEFT_OUT = ("/mutants/", "/groups/", "/tests/")
+"""Folders of what is a test itself."""
 PYTEST = str(Path(sys.executable).with_name("pytest"))
 UNIT = "not slow and not guest and not page"
 PATIENCE_SECONDS = 60.0
@@ -123,7 +124,7 @@ def drawn(count: int, seed: int = 41) -> list[Change]:
     listed = subprocess.run(["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     for file in listed.split():
         room = file.split("/")[0]
-        if room in ROOMS and "/mutants/" not in file and "/tests/" not in file:
+        if room in ROOMS and not any(part in file for part in LEFT_OUT):
             for each in changes_of(file, (ROOT / file).read_text(encoding="utf-8")):
                 found[room][each.name] = each
     whole = sum(map(len, found.values()))
@@ -189,12 +190,13 @@ class House:
         self._functions: dict[str, list[FunctionType]] = defaultdict(list)
         self._compiled: set[int] = set()
         self._caches = list[Any]()
-        for each in gc.get_objects():
-            if type(each) is FunctionType:
+        for each in gc.get_objects():  # whose types are asked for, as a proxy of what is gone answers nothing
+            kind = type(each)
+            if kind is FunctionType:
                 self._functions[os.path.realpath(each.__code__.co_filename)].append(each)
-            elif isinstance(each, CPUDispatcher):
+            elif issubclass(kind, CPUDispatcher):
                 self._compiled.add(id(each.py_func))
-            elif isinstance(each, functools._lru_cache_wrapper) and each.__module__.startswith(("phasewire", "tests")):
+            elif kind is functools._lru_cache_wrapper and each.__module__.startswith(("phasewire", "tests")):
                 self._caches.append(each)
 
     def altered(self, change: Change) -> list[tuple[FunctionType, CodeType]] | None:
@@ -236,6 +238,8 @@ class Judging:
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection(self) -> None:
         """Let no failure be made smaller: only that there is one matters."""
+        import hypothesis  # not before pytest, which rewrites it
+
         phases = [hypothesis.Phase.explicit, hypothesis.Phase.generate]
         hypothesis.settings.register_profile("judging", hypothesis.settings(database=None, phases=phases))
         hypothesis.settings.load_profile("judging")
@@ -307,22 +311,26 @@ def judge(count: int, jobs: int, minutes: float, whole: bool) -> None:
     crew = [subprocess.Popen([*this, "--number", str(number)], cwd=ROOT, env=environment) for number in range(jobs)]
     for each in crew:
         each.wait()
-    report()
+    report(_log(whole))
+
+
+def _log(whole: bool) -> Path:
+    return BUILD / ("matrix.jsonl" if whole else "score.jsonl")
 
 
 def work(count: int, jobs: int, minutes: float, whole: bool, number: int) -> None:
     """Judge one of `jobs` shares of the changes."""
-    log = BUILD / ("matrix.jsonl" if whole else "score.jsonl")
+    log = _log(whole)
     done = {json.loads(line)["name"] for line in log.read_text().splitlines()} if log.exists() else set()
     mine = [each for each in drawn(count)[number::jobs] if each.name not in done]
     judging = Judging(mine, whole, log, time.monotonic() + 60 * minutes)
     pytest.main(["-q", "-n", "0", "-p", "no:cacheprovider", "-m", UNIT], plugins=[judging])
 
 
-def report() -> None:
+def report(log: Path) -> None:
     """Print the share of changes that were noticed, by room."""
     noticed, all_of = Counter[str](), Counter[str]()
-    for line in (BUILD / "score.jsonl").read_text().splitlines():
+    for line in log.read_text().splitlines():
         entry = json.loads(line)
         if entry["found"] == ["compiled"]:
             continue
@@ -350,7 +358,7 @@ def main() -> None:
     elif chosen.step == "work":
         work(chosen.count, chosen.jobs, chosen.minutes, chosen.matrix, chosen.number)
     else:
-        report()
+        report(_log(chosen.matrix))
 
 
 if __name__ == "__main__":
