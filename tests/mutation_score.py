@@ -46,10 +46,12 @@ LEFT_OUT = ("/mutants/", "/groups/", "/tests/")
 """Folders of what is a test itself."""
 PYTEST = str(Path(sys.executable).with_name("pytest"))
 UNIT = "not slow and not guest and not page"
-PATIENCE_SECONDS = 60.0
-"""For the tests of one change, beyond five times what they take without it: more is an endless loop, and noticed."""
-MOST_SECONDS = 90.0
+PATIENCE_SECONDS = 15.0
+"""For the tests of one change, beyond three times what they take without it: more is an endless loop, and noticed."""
+MOST_SECONDS = 30.0
 """Of tests for one change, the quick ones first. What only the others notice counts as not noticed."""
+MOST_CASES = 3
+"""Of one parametrised test for one change: those that take the least time."""
 WARMING = 40
 """Files whose first test runs before the changes, so that what is compiled once need not be in each fork."""
 
@@ -168,8 +170,11 @@ def tests_for(change: Change, reached: dict[str, dict[str, list[str]]], seconds:
     """The tests that reach a change's line and passed without it, the quick ones first, as far as time allows."""
     tests = [each for each in reached.get(change.file, {}).get(str(change.line), []) if _known(each) in seconds]
     tests.sort(key=lambda each: seconds[_known(each)])
-    left, chosen = MOST_SECONDS, list[str]()
+    left, chosen, cases = MOST_SECONDS, list[str](), Counter[str]()
     for each in tests:
+        cases[each.partition("[")[0]] += 1
+        if cases[each.partition("[")[0]] > MOST_CASES:
+            continue
         left -= seconds[_known(each)] + 0.01
         if left < 0 and chosen:
             break
@@ -262,6 +267,7 @@ class Judging:
                     "phasewire." + each.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
                 )
         house = House()
+        gc.freeze()  # a fork then copies less
         for change in self._changes:
             if time.monotonic() > self._end:
                 break
@@ -270,7 +276,7 @@ class Judging:
             altered = house.altered(change)
             found = ["compiled"] if altered is None else ["not reached"]
             if tests and altered:
-                limit = PATIENCE_SECONDS + 5 * sum(seconds[_known(each)] for each in tests)
+                limit = PATIENCE_SECONDS + 3 * sum(seconds[_known(each)] for each in tests)
                 found = self._noticed(house, change, [items[each] for each in tests], limit)
             with self._log.open("a") as file:
                 print(json.dumps({"name": change.name, "tests": len(tests), "found": found}), file=file)
@@ -288,7 +294,7 @@ class Judging:
                 _run(items, stop=lambda: bool(self._failed) and not self._whole)
                 result.write_text(json.dumps(sorted(set(self._failed))))
             os._exit(0)
-        end = time.monotonic() + 4 * limit
+        end = time.monotonic() + 1.5 * limit
         while not os.waitpid(child, os.WNOHANG)[0]:
             if time.monotonic() > end:
                 os.killpg(child, signal.SIGKILL)

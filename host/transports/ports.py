@@ -132,7 +132,7 @@ def _disconnect(port: Any) -> None:
 class Rfc2217Port(rfc2217.Serial):
     """pyserial's port by RFC 2217."""
 
-    refusal = HELD
+    refusal, is_connection = HELD, True
 
     def open(self) -> None:
         """Connect."""

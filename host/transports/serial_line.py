@@ -3,7 +3,8 @@
 Which port, a real one or an emulated one, is the URL's scheme: an entry point in the group ``phasewire.serial_ports``,
 a function ``(url) -> port`` that is not yet open and bounds its writes. What pyserial does not know, a port may have as
 attributes: `time`, a `Timekeeper`, if its device does not live by the wall clock; `bytes_per_second`, if its baud
-rate means nothing; `product` and `serial_number` of the device at its other end; `refusal`, what it means if the line
+rate means nothing; `is_connection`, if its end is told to the device, and `has_break`, false if it cannot hold the line
+low; `product` and `serial_number` of the device at its other end; `refusal`, what it means if the line
 ends before a byte has come.
 """
 

@@ -35,7 +35,7 @@ class Problem(NamedTuple):
     options : Options
         Options with an output policy.
     phases : callable
-        Takes A·W·Aᴴ (m, m) and ``"unit"`` or ``"power"``, and returns the phases (m,) of unit modulus that
+        Takes A·W·Aᴴ (m, m) and ``"unit"`` or ``"power"``, and returns the points' phases (m,), of unit modulus, that
         `reference.phase_iteration` finds. Its iteration begins with the last phases of the same points.
     """
 
