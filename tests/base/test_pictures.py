@@ -15,7 +15,6 @@ from matplotlib import pyplot, rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.path import Path as MplPath
 from phasewire import (
     Capture,
     Circle,
@@ -300,21 +299,6 @@ def test_text_has_its_size_on_paper_whatever_the_user_s_settings_are(settings: A
     )
     usual, small = [8.5] * (2 + len(axes.get_xticklabels())), [8.5 * 0.833] * (len(axes.get_yticklabels()) + 1)
     assert [each.get_fontsize() for each in texts] == pytest.approx([*usual, *small, 8.5 * 1.2])
-
-
-@pytest.mark.parametrize("hand", [Hand.flat(), Hand.flat(side="left", length=0.16)], ids=["right", "left"])
-def test_a_hand_is_drawn_by_one_smooth_line_around_its_skin(hand: Hand) -> None:
-    skin = Unfolded.of(hand)
-    (line,) = skin.outline
-    rows, columns = np.nonzero(skin.mask)
-    cells = (np.stack([columns, rows], axis=1) + 0.5) * skin.spacing
-    assert MplPath(line).contains_points(cells).mean() > 0.98  # but for the corners of square fingertips
-    assert np.ptp(line, axis=0) == pytest.approx(np.array(skin.mask.shape[::-1]) * skin.spacing, abs=0.01)
-    way = np.cumsum(np.hypot(*np.diff(line, axis=0, prepend=line[:1]).T))
-    even = np.stack([np.interp(np.arange(0, way[-1], 2e-3), way, along) for along in line.T], axis=1)
-    sides = np.diff(even, axis=0)
-    turns = np.degrees(np.abs(np.angle((sides @ [1, 1j])[1:] / (sides @ [1, 1j])[:-1])))
-    assert np.count_nonzero(turns > 45) <= 12  # four webs may be sharp; squares have more than 30 corners
 
 
 def test_a_felt_map_shows_what_is_felt_from_the_threshold_on() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from functools import partial
 from itertools import pairwise
@@ -52,22 +51,6 @@ def test_the_time_line_is_drawn_in_characters(budget: Run) -> None:
     assert "." in rows["boundary"].split()[-1]
     assert "Memory of a processor: 56,352 of 65,536 bytes, 86%." in lines
     assert "52.72 µs at best; 77.71 µs just missing a boundary" in "\n".join(lines)
-
-
-def test_the_record(budget: Run, tmp_path: Path) -> None:
-    outcome = budget("--link", "2wire", "--json", "-")
-    record = json.loads(outcome.out)
-    assert "Sustained rate" in outcome.err
-    assert record["format"] == "phasewire-budget-1"
-    assert record["link"]["seconds_per_token"] == pytest.approx(50e-9)
-    links = record["stages"][2]
-    assert links["name"] == "links"
-    assert links["ends_s"] - links["begins_s"] == pytest.approx(34e-6)
-    assert (record["best_s"], record["worst_s"]) == (pytest.approx(73.115e-6), pytest.approx(98.1125e-6))
-    assert (record["bottleneck"], record["periods_per_update"], record["updates_per_second"]) == ("links", 2, 20_000)
-    assert record["blocks"]["ENTRIES"] == {"loads": 100, "periods": 40}
-    budget("--json", "b.json")
-    assert json.loads((tmp_path / "b.json").read_text())["updates_per_second"] == 40_000
 
 
 @pytest.mark.parametrize(("name", "begin"), [("b.png", b"\x89PNG"), ("b.svg", b"<?xml")])

@@ -39,13 +39,6 @@ def offers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
     return ask
 
 
-def test_commands_and_options_are_offered(offers: Offers) -> None:
-    assert offers("sh") == ["show"]
-    assert offers("reproduce", "") == ["figure6", "figure7", "range", "figure4"]
-    assert offers("solve", "--me") == ["--method"]
-    assert offers("info", "--verb") == ["--verbose"]
-
-
 def test_sources_are_shapes_and_files_of_points(offers: Offers, tmp_path: Path) -> None:
     for name in ("points.csv", "star-like.JSON", "solved.npz", "notes.md"):
         (tmp_path / name).touch()

@@ -12,7 +12,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from phasewire.base.errors import DeviceNotFoundError
 from phasewire.emulator.control import admission
 from phasewire.hil.conformance.cases import Risk
 from phasewire.hil.conformance.mutants.catalogue import MUTANTS
@@ -59,14 +58,6 @@ def suite(monkeypatch: pytest.MonkeyPatch) -> Suite:
     return stand_in
 
 
-def test_without_options_a_fresh_emulated_device_is_judged(phasewire: Phasewire, suite: Suite) -> None:
-    outcome = phasewire()
-    assert outcome.code == 0
-    assert outcome.out.splitlines()[-1] == "PASS: nothing broke; the only case that ran passed"
-    assert "emulator: is a fresh emulated device" in outcome.err
-    assert suite.asked == [RunOptions("emulator:", None, (), None, Profile(), {}, (), 1)]
-
-
 def test_all_options_reach_the_suite(phasewire: Phasewire, suite: Suite, tmp_path: Path) -> None:
     (tmp_path / "device.toml").write_text('name = "mine"\n[not-applicable]\nserial = "none is fitted"\n')
     (tmp_path / "known.toml").write_text('["blocks/a"]\nreason = "revision C"\n')
@@ -101,14 +92,6 @@ def test_all_options_reach_the_suite(phasewire: Phasewire, suite: Suite, tmp_pat
             doors=("serial:///dev/ttyUSB0", "socket://bench:1"),
         )
     ]
-
-
-def test_a_failing_case_is_exit_code_1_and_printed_during_the_run(phasewire: Phasewire, suite: Suite) -> None:
-    suite.run = EVERY
-    outcome = phasewire("--device", "usb:")
-    assert outcome.code == 1
-    assert outcome.out.splitlines()[-1].startswith("FAIL: 2 of 9 cases broke")
-    assert outcome.err.splitlines()[0] == "fail  blocks/bad[a b]: failed 2 of 2: the state is OFF, should be READY"
 
 
 @pytest.mark.parametrize(
@@ -239,36 +222,6 @@ def test_wrong_use_is_reported_before_the_run(
     assert outcome.code == 2
     assert complaint in " ".join(outcome.err.replace("│", " ").split())
     assert suite.asked == []
-
-
-def test_a_choice_without_cases_is_wrong_use_and_writes_no_report(phasewire: Phasewire, suite: Suite) -> None:
-    suite.run = replace(CLEAN, results=())
-    outcome = phasewire("--only", "nothing", "--only", "none", "--html", "c.html")
-    assert outcome.code == 2
-    assert "no case begins with 'nothing' or 'none'; --list names all" in outcome.err
-    assert not Path("c.html").exists()
-
-
-def test_no_device_is_exit_code_3(phasewire: Phasewire, monkeypatch: pytest.MonkeyPatch) -> None:
-    def find_none(*_: object) -> Run:
-        raise DeviceNotFoundError("nothing is plugged in")
-
-    monkeypatch.setattr("phasewire.hil.conformance.running.run_conformance", find_none)
-    outcome = phasewire("--device", "usb:", "--junit", "c.xml")
-    assert (outcome.code, outcome.out) == (3, "")
-    assert outcome.err == "phasewire: nothing is plugged in\n"
-    assert not Path("c.xml").exists()
-
-
-def test_the_list_names_all_clauses_and_needs_no_device(phasewire: Phasewire, suite: Suite) -> None:
-    outcome = phasewire("--list", "--json", "list.json")
-    assert (outcome.code, outcome.err, suite.asked) == (0, "", [])
-    found = json.loads(Path("list.json").read_text())
-    assert found["format"] == "phasewire-conformance-matrix-1"
-    names = [clause["name"] for chapter in found["chapters"] for clause in chapter["clauses"]]
-    assert names[0] == "TIM-001"
-    assert all(name in outcome.out for name in names)
-    assert "…" not in outcome.out
 
 
 def test_the_list_of_some_cases_has_these_alone(phasewire: Phasewire) -> None:

@@ -23,9 +23,9 @@ import pytest
 import serial
 from cobs import cobs
 from phasewire.protocol.blocks import Block, Update, pack
-from phasewire.protocol.codes import Fault, Reason, Request, State
+from phasewire.protocol.codes import Fault, Request, State
 from phasewire.protocol.pulses import Pulses
-from phasewire.protocol.replies import Ack, Info, Status
+from phasewire.protocol.replies import Status
 
 from tests.cli.runner import Run
 from tests.emulator.usbip_client import Client, client_on, setup
@@ -69,43 +69,6 @@ def emulate(*options: str) -> Iterator[Served]:
             yield Served(process, json.loads(line))
         finally:
             process.kill()
-
-
-@pytest.mark.parametrize(
-    ("pace", "speed", "packet", "number"),
-    [("wall", "high", 512, signal.SIGINT), ("fast", "full", 64, signal.SIGTERM)],
-)
-def test_devices_are_served_until_a_signal(pace: str, speed: str, packet: int, number: signal.Signals) -> None:
-    names = ("--serial-number", "left", "--serial-number", "right")
-    with emulate("--pace", pace, "--speed", speed, *names) as served:
-        assert [device["serial"] for device in served.announced["devices"]] == ["left", "right"]
-        with served.client() as client:
-            configuration = client.enumerate()
-            assert len(configuration) == 116  # clause USB-009
-            assert int.from_bytes(configuration[22:24], "little") == packet  # of 01 OUT
-            assert client.descriptor(3, 255, 3, 0x0409).decode("utf-16-le")[1:] == "left"
-            info = Info.decode(client.request(0xC1, Request.INFO, length=Info.BYTES).data)
-            assert info.boards == 5
-            assert client.request(0x41, Request.ENABLE).status == 0
-            block = pack(Block(Update(Pulses.silent(320)), 7, restart=True))
-            assert client.write(0x01, block)[2:4] == (0, 512)
-            ack = Ack.decode(client.read(0x81, 512).data[:32])
-            assert (ack.reason, ack.sequence) == (Reason.ACCEPTED, 7)
-            status = Status.decode(client.request(0xC1, Request.STATUS, length=Status.BYTES).data)
-            assert (status.enabled, status.accepted) == (True, 1)
-            assert client.request(0xC1, 99, length=4).status == STALLED
-            waits = client.submit(0x81, 512)
-            assert client.wait_for(client.unlink(waits)).status == -104
-            client.enumerate()  # after a bus reset
-            status = Status.decode(client.request(0xC1, Request.STATUS, length=Status.BYTES).data)
-            assert not status.enabled
-        with served.client("1-2") as client:
-            assert client.descriptor(3, 255, 3, 0x0409).decode("utf-16-le")[1:] == "right"
-        code, said = served.end(number)
-    assert code == 0
-    assert f"left: {LOOPBACK}:" in said
-    assert "Ended; the devices are gone." in said
-    assert "Traceback" not in said
 
 
 @pytest.mark.parametrize("pace", ["wall", "fast"])
@@ -190,14 +153,6 @@ def test_wrong_use_is_refused(phasewire: Run, options: list[str], message: str) 
     outcome = phasewire("emulate", *options)
     assert outcome.code == 2
     assert message in " ".join(outcome.err.split())
-
-
-def test_an_occupied_port_is_named(phasewire: Run) -> None:
-    with closing(socket.create_server((LOOPBACK, 0))) as other:
-        port = other.getsockname()[1]
-        outcome = phasewire("emulate", "--port", str(port))
-    assert outcome.code == 2
-    assert f"cannot listen on {LOOPBACK}, port {port}" in outcome.err
 
 
 def test_listening_on_all_interfaces_gives_a_warning(phasewire: Run) -> None:

@@ -125,51 +125,6 @@ def test_missing_programs_are_the_package_s_own(firmware: Run, folder: Path) -> 
 # Looking
 
 
-def test_inspect_prints_all_fields_of_the_example(firmware: Run) -> None:
-    outcome = firmware("inspect", "signed.dfu", "--key", "public.pem", "--json", "record.json")
-    shown = " ".join(outcome.out.replace("│", " ").split())
-    for said in (
-        "firmware 1.2.3",
-        "hardware FIVE_BOARDS",
-        "protocol version 1",
-        "image 204 bytes",
-        f"signature signed with a key that is trusted (key {KEY_ID})",
-        "for USB devices 1209:0001",
-        "release 0123",
-        "ALL_PROCESSORS 5 470b99f4 74f81fe1",
-        "CONTROLLER 4 55b401a7 8d70d691",
-    ):
-        assert said in shown
-    assert json.loads(Path("record.json").read_text(encoding="utf-8")) == {
-        "format": "phasewire-firmware-image-1",
-        "file": "signed.dfu",
-        "version": "1.2.3",
-        "hardware": "FIVE_BOARDS",
-        "protocol": 1,
-        "bytes": 204,
-        "key_id": KEY_ID,
-        "suffix": {"vendor": "1209", "product": "0001", "release": "0123"},
-        "segments": [
-            {
-                "target": "ALL_PROCESSORS",
-                "bytes": 5,
-                "crc32": "470b99f4",
-                "sha256": "74f81fe167d99b4cb41d6d0ccda82278caee9f3e2f25d5e5a3936ff3dcec60d0",
-            },
-            {
-                "target": "CONTROLLER",
-                "bytes": 4,
-                "crc32": "55b401a7",
-                "sha256": "8d70d691c822d55638b6e7fd54cd94170c87d19eb1f628b757506ede5688d297",
-            },
-        ],
-        "signature": {
-            "outcome": "SIGNED",
-            "words": f"signed with a key that is trusted (key {KEY_ID})",
-        },
-    }
-
-
 def forged() -> bytes:
     """The example with a signature that is wrong, and a suffix that is right."""
     return with_suffix(EXAMPLE[:140] + bytes(64), Suffix(0x1209, 1, 0x123))

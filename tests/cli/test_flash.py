@@ -132,13 +132,6 @@ def test_a_refused_image_leaves_the_device_unchanged(
     assert untouched(emulator)
 
 
-def test_signed_images_are_flashed_with_their_key(phasewire: Run, emulator: Emulator) -> None:
-    outcome = phasewire("signed.dfu", "--key", "stranger.pem", "--key", "key.pem", "--json", "-")
-    assert outcome.code == 0
-    assert json.loads(outcome.out)["trust"] == "SIGNED"
-    assert "signed with a key that is trusted" in outcome.err
-
-
 def test_an_older_image_needs_an_option(phasewire: Run, emulator: Emulator) -> None:
     assert phasewire("new.dfu").code == 0
     outcome = phasewire("old.dfu")
@@ -188,17 +181,6 @@ def test_ctrl_c_prints_the_next_step(phasewire: Run, emulator: Emulator, monkeyp
     assert emulator.running.info().firmware == FACTORY
     assert phasewire("new.dfu").code == 0
     assert running(emulator)[0] == NEW.version
-
-
-def test_a_device_goes_back_to_its_factory_image(phasewire: Run, emulator: Emulator) -> None:
-    assert phasewire("new.dfu").code == 0
-    outcome = phasewire("--revert", "--json", "-")
-    assert outcome.code == 0
-    record = json.loads(outcome.out)
-    assert record.pop("device").endswith(emulator.serial)
-    assert record == {"format": "phasewire-flash-revert-1", "before": "2.3.4", "firmware": "0.1.0"}
-    assert "is back at its factory image, firmware 0.1.0; before it ran 2.3.4." in outcome.err
-    assert running(emulator) == (FACTORY, Bank.FACTORY)
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="not installed: openssl")

@@ -83,19 +83,6 @@ def test_pulses_of_many_frames_are_played_as_they_are(phasewire: Run, files: Pat
         assert drive[k] == pytest.approx(np.sin(np.pi * (k + 1) / 50))
 
 
-@pytest.mark.parametrize("name", ["solved.npz", "one.npz"])
-def test_one_frame_is_shown(phasewire: Run, files: Path, name: str) -> None:
-    outcome = phasewire("show", name, "--seconds", "0")
-    assert (outcome.code, "warning" in outcome.err) == (0, False)
-
-
-@pytest.mark.parametrize("name", ["many.npz", "drives.npz", "slow.frames"])
-def test_many_frames_are_not_shown(phasewire: Run, files: Path, name: str) -> None:
-    outcome = phasewire("show", name)
-    assert outcome.code == 2
-    assert f"`phasewire stream {name}` plays them" in outcome.err
-
-
 BAD: dict[str, tuple[dict[str, NDArray[Any]], str]] = {
     "differ.npz": ({"phase": np.zeros((3, N), int), "width": np.zeros((2, N), int)}, "must both be"),
     "deep.npz": ({"phase": np.zeros((3, N, 1), int), "width": np.zeros((3, N, 1), int)}, "must both be"),
@@ -213,14 +200,6 @@ def test_an_option_without_effect_is_refused(phasewire: Run, files: Path, line: 
     assert outcome.code == 2
     assert "no effect" in outcome.err
     assert not (files / "x.frames").exists()
-
-
-def test_defaults_from_a_file_may_be_without_effect(
-    phasewire: Run, files: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (files / "mine.toml").write_text('method = "polish"\nspin = 2.0\ncalibration = "perfect.csv"\n')
-    monkeypatch.setenv("PHASEWIRE_CONFIG", "mine.toml")
-    assert phasewire("stream", "slow.frames").code == 0
 
 
 NUMBERS = [

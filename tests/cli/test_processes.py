@@ -214,12 +214,6 @@ def test_a_command_prints_its_result_and_leaves_no_file_or_process(name: str, fo
         assert re.fullmatch(r"phasewire-[a-z-]+-\d+", json.loads(ended.out)["format"])
 
 
-def test_a_row_has_json_if_its_command_has() -> None:
-    for context in each_command(root()):
-        has_json = any("--json" in option.opts for option in context.command.params)
-        assert ROWS[context.command_path.partition(" ")[2]].json == has_json
-
-
 def test_verbose_works_before_and_after_the_command(folder: Path) -> None:
     told = run(folder, "-v stop").err
     assert re.search(r"^ +0\.\d{6} s  in  request +INFO: firmware ", told, re.MULTILINE)
@@ -360,24 +354,6 @@ def test_a_signal_during_loading_ends_the_program_quietly(folder: Path, line: st
         assert process.returncode in (0, 128 + number, -number), said  # a shell reports the latter two alike
         assert b"Traceback" not in said
         assert b"Exception" not in said
-
-
-@pytest.mark.slow
-def test_an_interrupted_run_of_cases_writes_its_reports(folder: Path) -> None:
-    command = [*COMMAND, "conformance", "--only", "blocks", "--html", "r.html", "--junit", "r.xml", "--json", "r.json"]
-    with subprocess.Popen(
-        command, cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as process:
-        assert process.stderr
-        read_until(process.stderr.fileno(), "fresh emulated device")
-        process.send_signal(signal.SIGTERM)
-        out, said = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 128 + signal.SIGTERM, said
-    if (folder / "r.json").exists():  # the device was there
-        assert "INTERRUPTED by SIGTERM" in out.decode().splitlines()[-1]
-        assert json.loads((folder / "r.json").read_text())["interrupted by"] == "SIGTERM"
-        assert {path.name for path in folder.glob("r.*")} == {"r.html", "r.xml", "r.json"}
-    assert b"mainloop" not in said
 
 
 def test_sigterm_leaves_the_outputs_off(folder: Path) -> None:

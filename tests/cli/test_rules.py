@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 import sys
 from pathlib import Path
 from threading import Thread
@@ -11,13 +10,10 @@ from threading import Thread
 import numpy as np
 import pytest
 from phasewire import ControlPoints, Solution, TransducerArray, solve
-from phasewire.cli.console import console_for, print_list
-from phasewire.cli.points import RECORDING, kind_of
 from phasewire.emulator.cluster import Cluster
-from phasewire.host.streaming.recording import SUFFIX, record
+from phasewire.host.streaming.recording import record
 from phasewire.solver.fields.files import save_solution
 from rich.console import Console
-from rich.table import Table
 
 from .runner import Run
 
@@ -95,11 +91,6 @@ def test_a_command_takes_every_other_kind_of_source(
             assert "phasewire: " not in outcome_of(command, source, phasewire, files, monkeypatch), source
 
 
-def test_recordings_have_one_suffix() -> None:
-    assert SUFFIX == RECORDING
-    assert kind_of(f"a{SUFFIX}").value == "a recording"
-
-
 # Texts that people copy
 
 SERIAL = "SERIAL-NUMBER-" + 20 * "x"
@@ -128,19 +119,6 @@ def test_what_people_copy_is_whole_at_every_width(
             assert outcome.code == 0, outcome.err
             for text in LISTS[command]:
                 assert text in outcome.out, columns
-
-
-def test_other_columns_fold_if_there_is_room(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Console, "is_terminal", True)
-    monkeypatch.setenv("COLUMNS", "60")
-    table = Table("url", "problem")
-    table.add_row(30 * "u", 12 * "a reason ")
-    print_list(console_for(None), table, "url")
-    lines = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).splitlines()
-    assert max(map(len, lines)) <= 60
-    assert 30 * "u" in lines[3]
 
 
 # Closed streams, no more threads

@@ -9,7 +9,6 @@ import re
 import tomllib
 from pathlib import Path
 
-import platformdirs
 import pytest
 import typer
 from phasewire.cli.commands import command_line
@@ -29,13 +28,6 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def root() -> typer.Context:
     return typer.Context(command_line(), info_name="phasewire")
-
-
-def test_the_file_is_in_the_user_s_configuration_folder(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("PHASEWIRE_CONFIG")
-    assert config_path() == Path(platformdirs.user_config_dir("phasewire")) / "config.toml"
-    monkeypatch.setenv("PHASEWIRE_CONFIG", "")
-    assert config_path() == Path(platformdirs.user_config_dir("phasewire")) / "config.toml"
 
 
 def test_top_level_keys_apply_to_all_commands_and_tables_to_one(file: Path, root: typer.Context) -> None:
@@ -64,11 +56,6 @@ def test_the_line_precedes_the_environment_and_that_the_file(
     monkeypatch.setenv("PHASEWIRE_DEVICE", "environment:")
     assert device() == "environment:"
     assert device("--device", "line:") == "line:"
-
-
-def test_help_shows_the_effective_defaults(file: Path, phasewire: Run) -> None:
-    file.write_text("[show]\nseconds = 7.5\n")
-    assert "7.5" in phasewire("show", "--help")[1]
 
 
 WRONG = [

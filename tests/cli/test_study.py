@@ -76,21 +76,3 @@ def test_an_ordering_that_does_not_come_out_is_told(study: Run, monkeypatch: pyt
     outcome = study()
     assert outcome.code == 0
     assert outcome.out.count("NOT told apart or reversed") == 2
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"), [(("--persons", "1"), "persons"), (("-o", "study.txt"), "a picture's name ends in")]
-)
-def test_wrong_use(study: Run, arguments: tuple[str, ...], says: str) -> None:
-    outcome = study(*arguments)
-    assert outcome.code == 2
-    assert says in outcome.err
-
-
-@pytest.mark.slow
-def test_a_small_study_is_run(study: Run) -> None:
-    outcome = study("--persons", "2", "--trials", "1", "--seconds", "0.8", "-o", "small.svg", "--json", "small.json")
-    assert outcome.code in (0, 1)  # ten answers say little
-    assert Path("small.svg").exists()
-    record = json.loads(Path("small.json").read_text())
-    assert sum(map(sum, record["felt"]["counts"].values())) == 10

@@ -82,25 +82,6 @@ def test_an_interrupted_sweep_says_how_to_go_on(sweep: Run, monkeypatch: pytest.
     assert not Path("r.parquet.unfinished").exists()
 
 
-def test_all_bad_rows_are_named_before_anything_starts(sweep: Run) -> None:
-    Path("arrays.toml").write_text('source = "circle"\n[grid]\ncolumns = [0, 10, 1000]\npitch_mm = [8, -1]\n')
-    outcome = sweep()
-    assert outcome.code == 2
-    assert "arrays.toml: 5 of 6 rows cannot be computed" in outcome.err
-    for said in ("row 0: columns is 0;", "row 1: columns is 0;", "row 3: pitch_mm", "row 4: columns is 1000", "row 5"):
-        assert said in outcome.err
-    assert [path.name for path in Path().iterdir()] == ["arrays.toml"]
-
-
-def test_a_journal_of_another_sweep_is_refused_and_kept(sweep: Run) -> None:
-    Path("r.parquet.unfinished").write_text("{}\n")
-    outcome = sweep()
-    assert outcome.code == 2
-    assert "r.parquet.unfinished is not of this sweep" in outcome.err
-    assert "goes on" not in outcome.err
-    assert Path("r.parquet.unfinished").read_text() == "{}\n"
-
-
 @pytest.mark.parametrize(
     ("options", "code", "says"),
     [

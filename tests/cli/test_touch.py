@@ -97,26 +97,6 @@ def test_without_a_touch_no_picture_is_drawn(touch: Run) -> None:
     assert "cube:x=0.5 within x 0.450 to 0.550, y -0.050 to 0.050, z 0.120 to 0.220 m" in outcome.err
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        ("--no-predict",),
-        ("--no-corners", "--spacing", "0.01"),
-        ("--rate", "50"),
-        ("--method", "tikhonov", "--frequency", "150", "--ramp", "0", "--points", "8"),
-    ],
-)
-def test_options_take_effect(touch: Run, options: tuple[str, ...]) -> None:
-    outcome = touch("sphere", *SHORT, *options, "--json", "t.json")
-    assert outcome.code == 0
-    told = json.loads(Path("t.json").read_text())["touch"]
-    if "--rate" in options:
-        assert 24 <= told["frames"] <= 26
-    if "--points" in options:
-        assert told["points_most"] <= 8
-        assert told["frequency_hz"] == pytest.approx(20_000 / 133)
-
-
 WAYS = ["two-sided", "am", "lm", "stm", "auto", "stm:speed=3,modulation=150"]
 
 

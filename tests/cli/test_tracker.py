@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from phasewire.host.finding.tracker_checks import TRACKER_CHECKS
-from phasewire.host.hands import leap
 from phasewire.host.hands.recording import HandRecording
 from websockets.sync.server import ServerConnection
 
@@ -24,21 +23,6 @@ def leap_file(folder: Path, palm: tuple[float, float, float] = (0, 200, 0)) -> s
     frames = [leap_frame(number, 9000 * number, palm=palm) for number in range(50)]
     (folder / "wave.json").write_text(json.dumps({"metadata": {}, "frames": frames}))
     return f"leap:{folder / 'wave.json'}"
-
-
-def test_without_a_source_all_sources_are_listed(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(leap, "PORT", 9)
-    monkeypatch.setattr(leap.Address, "__new__", lambda cls: tuple.__new__(cls, ("127.0.0.1", 9)))
-    ended = phasewire("--json", "-")
-    record = json.loads(ended.out)
-    assert ended.code == 0
-    assert record["format"] == "phasewire-tracker-1"
-    found = {each["scheme"]: each for each in record["sources"]}
-    assert sorted(found) == ["camera", "gesture", "leap", "recording", "video"]
-    assert found["recording"]["ready"]
-    assert not found["leap"]["ready"]
-    assert "start the Ultraleap service" in found["leap"]["says"]
-    assert "leap:HOST:PORT" in ended.err
 
 
 def test_a_recording_is_judged_and_written_in_our_format(phasewire: Run, tmp_path: Path) -> None:

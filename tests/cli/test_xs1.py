@@ -76,29 +76,6 @@ def xs1(folder: Path, phasewire: Run) -> Run:
 # asm and disasm
 
 
-def test_asm_writes_program_and_map_and_shows_what_is_left(xs1: Run, folder: Path) -> None:
-    outcome = xs1("asm", "play.s", "-D", "FIRST=0x7", "-o", "made.bin", "--json", "made.json")
-    assert outcome.code == 0, outcome.err
-    assert (folder / "made.bin").read_bytes() == (folder / "play.bin").read_bytes()
-    assert (folder / "made.map").read_text() == (folder / "play.map").read_text()
-    size = len((folder / "play.bin").read_bytes())
-    record = json.loads((folder / "made.json").read_text())
-    assert re.search(rf"^made\.bin: {size} bytes; {65536 - size:,} of 65,536 are left", outcome.out, re.MULTILINE)
-    assert (record["format"], record["bytes"], record["bytes_left"]) == ("phasewire-program-1", size, 65536 - size)
-    for section in record["sections"]:
-        row = rf"^{section['name']} +0x{section['address']:x} +{section['size']}$"
-        assert re.search(row, re.sub(r" +$", "", outcome.out, flags=re.MULTILINE), re.MULTILINE)
-    assert [function["name"] for function in record["functions"]] == ["start"]
-
-
-def test_asm_adds_what_is_needed_of_the_runtime_alone(xs1: Run, folder: Path) -> None:
-    (folder / "call.s").write_text("start:\n    bl memset\n    waiteu\n")
-    assert xs1("asm", "call.s", "-o", "call.bin", "--map", "names").code == 0
-    functions = re.findall(r"^function \w+ \w+ (\w+)$", (folder / "names").read_text(), re.MULTILINE)
-    assert functions == ["memset"]
-    assert not (folder / "call.map").exists()
-
-
 @needs_clang
 def test_asm_compiles_c(xs1: Run, folder: Path) -> None:
     """A function of C is called with operands in registers, by a program that gives it a stack."""
@@ -190,30 +167,6 @@ def test_run_writes_a_vcd_file_with_the_same_words(xs1: Run, folder: Path) -> No
     assert time == 25 * 8000
 
 
-def test_run_with_inputs_ends_when_nothing_more_can_happen(xs1: Run, folder: Path) -> None:
-    outcome = xs1(
-        *("run", "wait.bin", "--reg", "r0=table", "--input", "1F=0:0,5000:1", "--fetch", "both", "--json", "r.json"),
-    )
-    assert outcome.code == 2
-    assert "--reg r0=table: write REGISTER=VALUE with a number or a symbol" in outcome.err
-    text = WAIT.replace("ldw r0, r0[0]", "ldw r0, r0[0] # a table") + "    .p2align 2\ntable:\n    .long 0x10400\n"
-    (folder / "wait.s").write_text(text)
-    assert xs1("asm", "wait.s", "-o", "wait.bin").code == 0
-    outcome = xs1(
-        *("run", "wait.bin", "--reg", "r0=table", "--input", "1F=0:0,5000:1", "--fetch", "both", "--json", "r.json"),
-    )
-    assert outcome.code == 0, outcome.err
-    off, pessimistic = json.loads((folder / "r.json").read_text())["runs"]
-    assert (off["fetch"], pessimistic["fetch"]) == ("off", "pessimistic")
-    for ran in (off, pessimistic):
-        assert ran["ending"] == "IDLE"
-        assert 5000 <= ran["cycle"] <= 5040
-        assert ran["threads"][0]["waits_for"] == "an event"
-    assert re.search(rf"^off +nothing can happen any more +{off['cycle']:,} ", outcome.out, re.MULTILINE)
-    assert re.search(rf"^pessimistic +nothing .* {pessimistic['cycle']:,} ", outcome.out, re.MULTILINE)
-    assert "the rest is about fetch off" in outcome.out
-
-
 def test_inputs_may_be_given_in_any_order(xs1: Run, folder: Path) -> None:
     text = WAIT + "    .p2align 2\ntable:\n    .long 0x10400\n"
     (folder / "wait.s").write_text(text)
@@ -253,26 +206,6 @@ def test_messages_are_shown(xs1: Run, folder: Path) -> None:
     assert re.search(
         r"^cycles \d+ to \d+: from channel end 0 to node 0x00ff, channel end 7: 5a \[01\]$", outcome.out, re.M
     )
-
-
-def test_trace_shows_instructions_from_a_place_or_cycle_on(xs1: Run, folder: Path) -> None:
-    outcome = xs1("trace", "play.bin", "--from", "next", "--count", "4", "--view", "--json", "t.json")
-    record = json.loads((folder / "t.json").read_text())
-    assert [(step["text"], step["place"]) for step in record["steps"]] == [
-        ("out res[r0], r2", "next"),
-        ("add r2, r2, 1", "next+0x2"),
-        ("bu next", "next+0x4"),
-        ("out res[r0], r2", "next"),
-    ]
-    assert record["steps"][1]["changed"] == {"r2": 8}
-    first = record["steps"][0]["cycle"]
-    assert first == 44
-    assert re.search(rf"^ +{first} +0  next +out res\[r0\], r2$", outcome.out, re.MULTILINE)
-    assert re.search(rf"^ +{first + 4} +0  next\+0x2 +add r2, r2, 1 +r2=0x8$", outcome.out, re.MULTILINE)
-    assert re.search(r"^cycle \d+ \(0\.\d+ µs\), \d+ instructions$", outcome.out, re.MULTILINE)
-    assert re.search(r"^> +1\w+  \w+ +add r2, r2, 1$", outcome.out, re.MULTILINE)
-    later = xs1("trace", "play.bin", "--from", str(first + 4), "--count", "3", "--json", "-")
-    assert json.loads(later.out)["steps"] == record["steps"][1:]
 
 
 def test_trace_says_why_there_is_no_more(xs1: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -378,16 +311,3 @@ def test_wrong_use_is_refused_and_changes_no_file(xs1: Run, folder: Path, line: 
     assert (outcome.code, outcome.out) == (2, "")
     assert said in " ".join(outcome.err.split())
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-
-
-def test_an_image_without_its_zeros_at_the_end_is_whole_again(xs1: Run, folder: Path) -> None:
-    text = 'start:\n    ldc r0, 1\n    waiteu\n    .section .dp.bss, "awd", @nobits\nempty:\n    .space 100\n'
-    (folder / "zeros.s").write_text(text)
-    assert xs1("asm", "zeros.s", "-o", "zeros.bin").code == 0
-    image = (folder / "zeros.bin").read_bytes()
-    (folder / "zeros.bin").write_bytes(image[:-100])
-    assert xs1("run", "zeros.bin").code == 0
-    (folder / "zeros.bin").write_bytes(image[:-101])
-    outcome = xs1("run", "zeros.bin")
-    assert outcome.code == 2
-    assert "zeros.map is about 104 bytes, but the image has 3: build both again" in outcome.err

@@ -11,25 +11,16 @@ from phasewire.emulator.boards.executed import ExecutedProcessor
 from phasewire.emulator.doors.address import EmulatorUrl
 from phasewire.emulator.firmware.loader import DeviceIdentity, boot, make_flash
 from phasewire.firmware.xmos.images import device_image
-from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED
+from phasewire.protocol.enumeration import FULL_SPEED
 from phasewire.protocol.firmware import build
-from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE
+from phasewire.protocol.timing import TWO_WIRE
 from phasewire.protocol.wiring import Wiring
-
-
-def test_a_url_without_options_is_a_fresh_device_with_defaults() -> None:
-    assert EmulatorUrl.parse("emulator:") == EmulatorUrl("", FIVE_WIRE, HIGH_SPEED, "model", None, 115_200)
 
 
 def test_all_options_of_a_fresh_device() -> None:
     url = "emulator:?link=2wire&speed=full&firmware=xs1&faults=a%20b/c.toml&door=serial&baud=3000000"
     assert EmulatorUrl.parse(url) == EmulatorUrl("", TWO_WIRE, FULL_SPEED, "xs1", Path("a b/c.toml"), 3_000_000)
     assert EmulatorUrl.parse("emulator:?firmware=a%20b/new.dfu").firmware == Path("a b/new.dfu")
-
-
-def test_a_plugged_in_device_takes_options_of_doors_only() -> None:
-    assert EmulatorUrl.parse("emulator:EMU-1?door=serial&baud=9600").serial == "EMU-1"
-    assert EmulatorUrl.parse("emulator:EMU-1?door=usb").baud == 115_200
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,10 @@ from functools import partial
 import pytest
 import usb.core
 import usb.util
-from phasewire import Emulator, Pulses
-from phasewire.emulator.control.agenda import QUEUE_BLOCKS
+from phasewire import Emulator
 from phasewire.emulator.door import Handshake
 from phasewire.emulator.doors.backend import EmulatorBackend, open_backend
-from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed, dfu_mode
-
-from tests.strategies import update
+from phasewire.protocol.enumeration import FULL_SPEED
 
 
 def found(emulator: Emulator) -> usb.core.Device:
@@ -42,15 +39,6 @@ def fails(number: int, action: Callable[[], object]) -> bool:
 # Transfers
 
 
-def test_reading_when_nothing_comes_times_out_in_the_device_s_time(emulator: Emulator, device: usb.core.Device) -> None:
-    device.set_configuration()
-    before = emulator.scheduler.now
-    with pytest.raises(usb.core.USBTimeoutError) as timed_out:
-        device.read(0x81, 64, timeout=20)
-    assert timed_out.value.errno == errno.ETIMEDOUT
-    assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(20e-3)
-
-
 def test_a_read_that_times_out_gives_what_has_come() -> None:
     emulator = Emulator(speed=FULL_SPEED)
     device = found(emulator)
@@ -61,22 +49,6 @@ def test_a_read_that_times_out_gives_what_has_come() -> None:
         assert len(device.read(0x81, 512, timeout=5)) == 64
         with pytest.raises(usb.core.USBTimeoutError):
             device.read(0x81, 512, timeout=5)
-
-
-@pytest.mark.parametrize(("speed", "seconds"), [(HIGH_SPEED, 125e-6), (FULL_SPEED, 1e-3)])
-def test_a_control_transfer_takes_a_frame(speed: Speed, seconds: float) -> None:
-    emulator = Emulator(speed=speed)
-    device = found(emulator)
-    before = emulator.scheduler.now
-    device.ctrl_transfer(0x80, 6, 0x0100, 0, 18)
-    assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(seconds)
-
-
-def test_a_time_out_holds_for_the_whole_transfer() -> None:
-    """At full speed 10 ms are enough for 190 packets, which are 23 blocks and 6 packets."""
-    device = found(Emulator(speed=FULL_SPEED))
-    device.set_configuration()
-    assert device.write(0x01, bytes(512 * 40), timeout=10) == pytest.approx(190 * 64, abs=64)
 
 
 def test_a_time_out_of_0_waits_without_limit(emulator: Emulator, device: usb.core.Device) -> None:
@@ -108,16 +80,6 @@ def test_a_time_out_comes_before_later_events(emulator: Emulator, device: usb.co
     with pytest.raises(usb.core.USBTimeoutError):
         device.read(0x81, 64, timeout=20)
     assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(20e-3)
-
-
-def test_a_long_write_that_times_out_says_how_much_was_taken(device: usb.core.Device) -> None:
-    """As pyusb does over libusb; the queue takes no more than it holds."""
-    device.set_configuration()
-    device.ctrl_transfer(0x41, 4, 0, 0, None)
-    blocks = b"".join(update(Pulses.silent(320), n, period=10**6) for n in range(QUEUE_BLOCKS + 2))
-    assert device.write(0x01, blocks, timeout=10) == QUEUE_BLOCKS * 512
-    with pytest.raises(usb.core.USBTimeoutError):
-        device.write(0x01, blocks[QUEUE_BLOCKS * 512 :], timeout=10)
 
 
 # Claims
@@ -161,14 +123,6 @@ def test_what_is_not_there_is_not_found(emulator: Emulator, device: usb.core.Dev
     bus = EmulatorBackend([emulator])
     handle = bus.open_device(next(bus.enumerate_devices()))
     assert fails(errno.ENOENT, partial(bus.release_interface, handle, 0))
-
-
-def test_a_setting_is_chosen(emulator: Emulator, device: usb.core.Device) -> None:
-    device.set_configuration()
-    device.write(0x01, bytes(512))
-    device.set_interface_altsetting(0, 0)
-    assert emulator.usb.bulk_in(0x81) is Handshake.NAK
-    assert not device.is_kernel_driver_active(0)
 
 
 # Coming and going
@@ -217,18 +171,6 @@ def test_a_device_that_comes_back_is_reset_when_a_program_looks_for_it(
     assert resets == [2]
 
 
-def test_a_program_that_waits_for_a_device_sees_it_come(emulator: Emulator, device: usb.core.Device) -> None:
-    """As after a restart: the device comes only if time passes while the program waits."""
-    device.set_configuration()
-    before = emulator.scheduler.now
-    assert found(emulator) is not None
-    assert 0 < emulator.scheduler.now - before <= 10e-3 * 400e6  # far from any watchdog
-    emulator.usb.unplug()
-    emulator.scheduler.at(emulator.scheduler.now + 14_000_000, emulator.usb.plug)  # 35 ms
-    looks = [found(emulator) is not None for _ in range(4)]
-    assert looks == [False, False, False, True]
-
-
 def test_a_device_that_goes_while_a_transfer_waits_is_gone(emulator: Emulator, device: usb.core.Device) -> None:
     device.set_configuration()
     emulator.scheduler.at(emulator.scheduler.now + 400_000, emulator.usb.unplug)
@@ -262,12 +204,6 @@ def test_a_device_that_leaves_on_a_reset_is_not_found(emulator: Emulator, device
         assert fails(errno.ENOENT, device.reset)
 
 
-def test_pyusb_keeps_the_descriptors_that_it_found(emulator: Emulator, device: usb.core.Device) -> None:
-    emulator.usb.enumeration = dfu_mode((1, 0, 0), "array", "S-1")
-    assert [interface.bInterfaceNumber for interface in device[0]] == [0, 1, 2, 3]
-    assert [interface.bInterfaceNumber for interface in found(emulator)[0]] == [0]
-
-
 # URLs
 
 
@@ -278,13 +214,6 @@ def test_link_and_speed_can_be_chosen() -> None:
     assert device.speed == usb.util.SPEED_FULL
     assert {endpoint.wMaxPacketSize for endpoint in device[0][0, 0]} == {64}
     assert usb.core.find(backend=open_backend("emulator:")).speed == usb.util.SPEED_HIGH
-
-
-def test_a_serial_number_selects_among_the_plugged_in_devices() -> None:
-    with Emulator(serial="here") as emulator:
-        device = usb.core.find(backend=open_backend("emulator:here"))
-        assert device.serial_number == "here"
-        assert emulator.usb.configuration == 0
 
 
 # Time

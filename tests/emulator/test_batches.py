@@ -14,12 +14,10 @@ from phasewire.emulator.control.controller import Controller
 from phasewire.emulator.doors.backend import EmulatorBackend, Handle
 from phasewire.protocol import Clock, NoOp, Output, Slot, State, Status, Update, pack
 from phasewire.protocol.blocks import Block
-from phasewire.protocol.board import CYCLES_PER_MS, WATCHDOG_MS
 from phasewire.protocol.codes import Action, Reason, Request
 from phasewire.protocol.replies import Ack, records
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
-from phasewire.protocol.updates import pack_updates
 
 from tests.emulator.passing import now
 
@@ -140,21 +138,6 @@ def test_a_fresh_field_in_every_period_can_be_streamed(link: Link, apart: int, m
     for latches in emulator.capture().latches:
         assert latches == [50 * (first + apart * n) for n in range(500)]
     assert emulator.running.state is State.PLAYING
-
-
-def test_a_stream_is_a_sign_of_life() -> None:
-    """Nothing but 80 transfers of 100 updates keeps the device playing for 0.2 s, twice the watchdog's time."""
-    emulator, bus, handle = started(FIVE_WIRE)
-    began = now(emulator)
-    frames = [PULSES[n % 7] for n in range(100)]
-    phase, width = (np.array([getattr(frame, name) for frame in frames], np.uint8) for name in ("phase", "width"))
-    for first in range(0, 8000, 100):
-        assert bus.bulk_write(handle, 0x01, 0, pack_updates(phase, width, first).tobytes(), 1000) == 51_200
-        while isinstance(emulator.usb.bulk_in(0x81), bytes):
-            pass
-    status = emulator.running.status()
-    assert (status.state, status.accepted, status.refused) == (State.PLAYING, 8000, 0)
-    assert now(emulator) - began > 1.9 * WATCHDOG_MS * CYCLES_PER_MS
 
 
 def test_a_time_out_takes_what_arrived_before() -> None:

@@ -24,19 +24,6 @@ def configured(device: Emulator) -> Emulator:
     return device
 
 
-def test_a_line_pulses_every_4096_periods_of_its_driver() -> None:
-    line = SyncLine()
-    assert line.next_pulse(0) is None
-    line.drive(700)
-    assert [line.next_pulse(cycle) for cycle in (0, 700, 701, 700 + PULSE, 701 + PULSE)] == [
-        700,
-        700,
-        700 + PULSE,
-        700 + PULSE,
-        700 + 2 * PULSE,
-    ]
-
-
 def test_all_begin_with_a_pulse_so_that_boundaries_coincide() -> None:
     driver, *listeners = Cluster(3)
     for listener in listeners:

@@ -112,23 +112,6 @@ def in_busy(bench: Bench) -> None:
 # Time
 
 
-def test_the_busy_state_ends_on_the_cycle_and_not_later(bench: Bench) -> None:
-    bench.out(DNLOAD, 0, BLOCKS[0])
-    bench.wait(20)
-    assert bench.status().poll_ms == 128
-    bench.scheduler.run_until(148 * MS - 1)
-    assert bench.quietly() is DfuState.DNBUSY
-    bench.scheduler.run_until(148 * MS)
-    assert bench.quietly() is DfuState.DNLOAD_SYNC
-
-
-def test_a_slow_flash_is_waited_for(bench: Bench) -> None:
-    """Two sectors of 400 ms and eight pages of 3 ms: 824 ms, which is seven times 128."""
-    bench.flash.times = FlashTimes(erase_ms=400, program_ms=3)
-    bench.out(DNLOAD, 0, BLOCKS[0])
-    assert bench.poll() == [("DNBUSY", 128)] * 7 + [("DNLOAD_IDLE", 0)]
-
-
 @pytest.mark.parametrize(
     ("times", "status"), [(FlashTimes(erase_ms=10_001), DfuStatus.ERASE), (FlashTimes(program_ms=2000), DfuStatus.PROG)]
 )
@@ -154,17 +137,6 @@ def test_the_time_out_of_an_earlier_block_does_not_count(bench: Bench) -> None:
 
 
 # Flash that fails
-
-
-def test_a_failure_is_seen_while_the_device_is_busy(bench: Bench) -> None:
-    bench.flash.defects.failing_sectors.add(0x200)
-    in_busy(bench)
-    bench.wait(59)
-    assert bench.quietly() is DfuState.DNBUSY
-    bench.wait(2)
-    assert bench.quietly() is DfuState.ERROR
-    bench.wait(100)
-    assert bench.status() == error(DfuStatus.ERASE)
 
 
 def test_a_sector_that_is_not_erased_is_no_place_for_a_block(bench: Bench) -> None:

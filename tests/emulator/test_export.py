@@ -107,13 +107,6 @@ def test_sigrok_reads_every_bit_of_a_session_file(played: Played, channels: Sequ
     assert sigrok(tmp_path / "a.sr", "-O", "binary") == expected.tobytes()
 
 
-def test_sigrok_reads_pieces_in_their_order(tmp_path: Path) -> None:
-    """Fifty thousand ticks are three pieces."""
-    words = np.random.default_rng(2).integers(0, 2**32, (50_000, 10), np.uint32)
-    export(HandMade(words, Wiring.strips()), tmp_path / "a.sr", range(32))
-    assert sigrok(tmp_path / "a.sr", "-O", "binary") == words[:, 0].astype("<u4").tobytes()
-
-
 @pytest.mark.parametrize(
     ("text", "channels"),
     [

@@ -10,20 +10,18 @@ import numpy as np
 import pytest
 from phasewire.base.errors import DeviceError, ReplyError
 from phasewire.emulator import faults
-from phasewire.emulator.control.agenda import QUEUE_BLOCKS
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.faults import FAULTS, InjectedFault
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.protocol import Block, Entries, Entry, PlaySequence, Reason, Slot, State, Update, pack
-from phasewire.protocol.blocks import AmplitudeModulation, NoOp, Samples
+from phasewire.protocol.blocks import NoOp
 from phasewire.protocol.board import WATCHDOG_MS
-from phasewire.protocol.codes import COLLECT_MS, DEAF_MS, Bank, DfuState, DfuStatus, Fault, Request
+from phasewire.protocol.codes import COLLECT_MS, DEAF_MS, DfuState, DfuStatus, Fault, Request
 from phasewire.protocol.dfu import DfuReply
-from phasewire.protocol.replies import ReadBack
 from phasewire.protocol.requests import Setup
 
 from tests.emulator.fault_bench import HALF, MS, PLAYS, Bench, playing
-from tests.emulator.hosts import FULL, PERIODS_PER_MS
+from tests.emulator.hosts import FULL
 
 CHAIN_BROKEN = Fault.CHAIN | Fault.PROCESSOR
 
@@ -180,35 +178,7 @@ def test_a_processor_that_was_given_up_is_asked_again_once_it_plays(bench: Bench
     assert bench.loud_now() == [25] * 10
 
 
-def test_a_stop_that_is_lost_is_sent_again_too(bench: Bench) -> None:
-    """Otherwise the modulation of processor 2 would go on, silently, and affect the next update."""
-    bench.send(Samples(bytes([128]), 0))
-    bench.send(AmplitudeModulation(first=0, count=1, hold=1))
-    bench.run_ms(1)
-    assert bench.loud_now() == [8] * 10
-    bench.emulator.inject(
-        faults.LostToken(message="slice", processor=2), faults.LostToken(message="program", processor=2)
-    )
-    bench.order(Request.DISABLE)
-    bench.run_ms(2 * COLLECT_MS)
-    bench.order(Request.ENABLE)
-    bench.play("update")
-    assert bench.loud_now() == [25] * 10
-
-
 # Links
-
-
-def test_commits_over_a_slow_link_come_too_late(bench: Bench) -> None:
-    """The slice for processor 9 fills the buffers back to link 3; later messages are late too (clause CHN-020)."""
-    bench.emulator.inject(faults.SlowLink(link=9, cycles_per_symbol=200))
-    ack = bench.send(Update(HALF))
-    bench.run_ms(COLLECT_MS + 1)
-    assert bench.loud_now() == [9] * 3 + [25] * 7
-    assert (bench.status().faults, bench.status().missed_commits) == (Fault.CHAIN, 7)
-    read = ReadBack.decode(bench.emulator.usb.control(Setup(0xC1, Request.PULSES, 0, 0, 496)))
-    assert read.since_period == 2**64 - 1  # clause REQ-007
-    assert ack.commit_period < read.read_period
 
 
 def test_a_link_that_is_fast_again_carries_updates(bench: Bench) -> None:
@@ -220,47 +190,6 @@ def test_a_link_that_is_fast_again_carries_updates(bench: Bench) -> None:
 
 
 # Processors and boards
-
-
-@pytest.mark.parametrize(
-    ("fault", "dead"),
-    [
-        (faults.DeadProcessor(processor=0), {0}),
-        (faults.DeadProcessor(processor=9), {9}),
-        (faults.DeadBoard(board=2), {4, 5}),
-    ],
-)
-def test_a_dead_part_is_low_at_once_and_found_within_30_ms(bench: Bench, fault: InjectedFault, dead: set[int]) -> None:
-    """Two questions without an answer (clause CHN-017), or a message that cannot leave (CHN-021)."""
-    bench.emulator.run_until(bench.period + 1)
-    bench.emulator.scheduler.run_until(bench.emulator.scheduler.now + 200 * 5)
-    at = bench.emulator.running.now_tick
-    bench.emulator.inject(fault)
-    bench.emulator.run(2)
-    words = bench.emulator.capture().bits(at - 5, at + 20)
-    assert [words[:5, place].all() and not words[5:, place].any() for place in sorted(dead)] == [True] * len(dead)
-    bench.run_ms(3 * COLLECT_MS)
-    assert bench.status().state is State.FAULT
-    assert Fault.PROCESSOR in bench.status().faults
-    bench.run_ms(DEAF_MS)
-    assert bench.loud_now() == [0] * 10
-    bench.order(Request.CLEAR_FAULTS)
-    assert Fault.PROCESSOR in bench.status().faults
-
-
-def test_a_stuck_output_is_not_reported(bench: Bench) -> None:
-    bench.emulator.inject(faults.StuckHigh(processor=5, bit=7), faults.StuckLow(processor=5, bit=31))
-    period = bench.period
-    bench.emulator.run_until(period + 10)
-    words = bench.emulator.capture().bits(50 * (period + 8), 50 * (period + 9))[:, 5]
-    assert np.unique(words).tolist() == [1 << 7, 0x7FFFFFFF]
-    assert (bench.status().state, bench.status().faults) == (State.PLAYING, Fault(0))
-    bench.order(Request.DISABLE)
-    bench.emulator.run(10)
-    assert bench.loud_now() == [0] * 5 + [50] + [0] * 4
-    restart(bench)
-    bench.emulator.run(3)
-    assert bench.loud(0, 3) == [0] * 5 + [150] + [0] * 4
 
 
 def test_an_output_that_two_faults_hold_is_free_after_both_end(bench: Bench) -> None:
@@ -284,36 +213,6 @@ def test_an_open_transducer_emits_nothing_from_its_period_on(bench: Bench) -> No
     assert silent == [[], [], [], [17], [17], [17]]
     assert bench.loud_now() == [25] * 10
     assert bench.status().faults == Fault(0)
-
-
-@pytest.mark.parametrize(("ppm", "pulses"), [(100.0, 1), (-100.0, 1), (6.0, 2), (-6.0, 1), (-4.0, 2), (3.0, 4)])
-def test_a_clock_error_is_found_by_its_second_tick(ppm: float, pulses: int) -> None:
-    """A pulse every 204 800 ticks, in which 6 ppm are 1.23 ticks (clause CHN-027); asked for within 10 ms.
-
-    A board that is late by 1.23 ticks has counted 2 fewer, one that is early by as much 1 more.
-    """
-    bench = playing("unattended")
-    bench.emulator.inject(faults.ClockError(board=1, ppm=ppm))
-    bench.emulator.run_until(4096 * pulses - 1)
-    assert bench.loud_now() == [25] * 10
-    assert bench.emulator.running.faults == Fault(0)
-    bench.emulator.run_until(4096 * pulses + 3)
-    assert bench.loud_now() == [25, 25, 0, 0, 25, 25, 25, 25, 25, 25]
-    bench.run_ms(COLLECT_MS + 1)
-    assert bench.loud_now() == [0] * 10
-    assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.SYNC)
-    assert [place for place, report in enumerate(bench.reports()) if report.faults] == [2, 3]
-    bench.order(Request.CLEAR_FAULTS)
-    assert bench.status().faults == Fault.SYNC
-
-
-def test_a_slow_clock_moves_the_wave(bench: Bench) -> None:
-    """At -500 ppm a tick is lost in 2000."""
-    at = bench.emulator.running.now_tick
-    bench.emulator.inject(faults.ClockError(board=4, ppm=-500))
-    bench.emulator.run(200)
-    words = bench.emulator.capture().bits(at + 4100, at + 6100)
-    np.testing.assert_array_equal(words[3:1800, 8], words[:1797, 0])
 
 
 @pytest.mark.parametrize("period", [4095, 4096, 9000, 30_000])
@@ -361,18 +260,6 @@ def test_a_record_with_a_wrong_bit_is_refused(bench: Bench) -> None:
     assert bench.send(NoOp()).reason is Reason.ACCEPTED
 
 
-def test_wrong_bits_go_into_packets_that_are_taken_and_long_enough(bench: Bench) -> None:
-    first = bench.period + 100
-    for number in range(QUEUE_BLOCKS):
-        bench.send(Update(HALF, first + number))
-    bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x01, byte=300, times=2))
-    assert bench.emulator.usb.bulk_out(0x01, bytes(512)) is Handshake.NAK
-    bench.emulator.run_until(first + QUEUE_BLOCKS)
-    assert bench.emulator.usb.bulk_out(0x01, b"short") is Handshake.ACK
-    reasons = [bench.send(NoOp()).reason for _ in range(3)]
-    assert reasons == [Reason.CHECKSUM, Reason.CHECKSUM, Reason.ACCEPTED]
-
-
 def test_a_stream_gets_a_wrong_bit_too(bench: Bench) -> None:
     bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x01, byte=300))
     updates = memoryview(b"".join(pack(Block(Update(HALF), number)) for number in range(1, 9)))
@@ -381,50 +268,6 @@ def test_a_stream_gets_a_wrong_bit_too(bench: Bench) -> None:
     assert bench.send(Update(HALF)).reason is Reason.CHECKSUM
     now = bench.emulator.scheduler.now
     assert bench.emulator.usb.stream_out(0x01, updates, now, now + MS)[0] == len(updates)
-
-
-def test_a_device_that_is_unplugged_is_off_and_comes_back(bench: Bench) -> None:
-    """SUSPEND and RESUME follow each other (clause STA-006)."""
-    generation = bench.emulator.usb.generation
-    bench.emulator.inject(faults.Unplugged(periods=1000))
-    assert not bench.emulator.usb.attached
-    bench.emulator.run(7)
-    assert bench.loud_now() == [0] * 10
-    bench.emulator.run(1000)
-    assert (bench.emulator.usb.attached, bench.emulator.usb.generation) == (True, generation + 1)
-    bench.configure()
-    assert bench.status().state is State.OFF
-    bench.order(Request.ENABLE)
-    bench.play("update")
-
-
-def test_a_suspended_bus_turns_the_outputs_off_until_enable(bench: Bench) -> None:
-    """Clause USB-020; the device is configured as before."""
-    bench.emulator.inject(faults.BusSuspended(periods=1000))
-    bench.emulator.run(7)
-    assert bench.emulator.usb.suspended
-    assert bench.emulator.running.state is State.SUSPENDED
-    assert bench.loud_now() == [0] * 10
-    bench.emulator.run(1000)
-    assert [record.state for record in bench.told()] == [State.OFF]
-    assert bench.status().state is State.OFF
-
-
-def test_the_watchdog_fires_when_the_host_falls_silent(bench: Bench) -> None:
-    """The watchdog's time after the last sign of life that arrived, whatever else the host sends (clause SAF-003)."""
-    last = bench.emulator.running.now_tick
-    bench.emulator.inject(faults.SilentHost(periods=6000))
-    for _ in range(14):
-        bench.run_ms(10)
-        assert bench.emulator.usb.bulk_out(0x01, b"anything") is Handshake.NAK
-        with pytest.raises(Stall, match="nothing that the host sends arrives"):
-            bench.status()
-    capture = bench.emulator.capture()
-    loud = np.flatnonzero(capture.bits(last, capture.end_tick).any(axis=1))
-    assert 100 * PERIODS_PER_MS * 50 <= loud[-1] <= (100 * PERIODS_PER_MS + 7) * 50
-    bench.run_ms(20)
-    (told,) = bench.told()
-    assert (told.state, told.watchdog_fired) == (State.OFF, True)
 
 
 # Power and flash
@@ -469,19 +312,6 @@ def test_a_flash_that_works_again_takes_the_image(bench: Bench) -> None:
     bench.emulator.inject(faults.WriteProtectedFlash(periods=10))
     enter_dfu(bench)
     assert download(bench).status is DfuStatus.OK
-
-
-def test_an_image_that_cannot_be_put_on_trial_is_not_started(bench: Bench) -> None:
-    """An image that cannot be marked would be started for ever (clauses FWU-019 and FWU-020)."""
-    enter_dfu(bench)
-    assert download(bench).status is DfuStatus.OK
-    bench.emulator.inject(faults.WriteProtectedFlash())
-    bench.emulator.usb.reset()
-    bench.emulator.run_until_started()
-    bench.configure()
-    assert (bench.reports()[0].bank, bench.status().faults) == (Bank.FACTORY, Fault.FLASH)
-    bench.order(Request.CLEAR_FAULTS)
-    assert bench.status().faults == Fault.FLASH
 
 
 def test_a_device_without_a_bootable_image_stays_off_the_bus(bench: Bench) -> None:
@@ -530,13 +360,6 @@ def test_a_broken_part_is_still_broken_after_a_power_cut(fault: InjectedFault, f
         assert np.flatnonzero(bench.emulator.capture().drive(bench.period - 1) == 0).tolist() == [0]
 
 
-def test_an_output_that_sticks_high_is_high_on_a_dead_board_too(bench: Bench) -> None:
-    bench.emulator.inject(faults.StuckHigh(processor=4, bit=3), faults.DeadBoard(board=2))
-    bench.emulator.run(3)
-    last = bench.emulator.capture().end_tick
-    assert np.unique(bench.emulator.capture().bits(last - 50, last)[:, 4]).tolist() == [1 << 3]
-
-
 # The time of a fault
 
 
@@ -582,23 +405,6 @@ def test_a_restart_does_not_delay_a_fault(bench: Bench) -> None:
     bench.emulator.run(500)
     high = bench.emulator.capture().channels(tick - 5, tick + 5)[:, 0]
     assert high.tolist() == [0] * 5 + [1] * 5
-
-
-def test_faults_are_logged(bench: Bench) -> None:
-    bench.emulator.inject(
-        faults.StuckLow(processor=1, bit=2, periods=40), faults.LostToken(message="collect", processor=5)
-    )
-    bench.run_ms(20)
-    said = [(event.where, event.what) for event in bench.emulator.events if event.where in ("fault", "chain")]
-    assert said == [
-        ("fault", "stuck-low: periods 40, processor 1, bit 2, begins"),
-        ("fault", "lost-token: message collect, processor 5, token 3, times 1, begins"),
-        ("fault", "stuck-low: periods 40, processor 1, bit 2, ends"),
-        ("chain", "lost-token of a collect, processor 5"),
-    ] or said[2:] == [
-        ("chain", "lost-token of a collect, processor 5"),
-        ("fault", "stuck-low: periods 40, processor 1, bit 2, ends"),
-    ]
 
 
 @pytest.mark.parametrize(

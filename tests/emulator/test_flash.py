@@ -28,32 +28,6 @@ def programmed(address: int, data: bytes) -> tuple[Flash, Scheduler]:
     return flash, scheduler
 
 
-def test_it_has_four_mib_and_is_erased_at_first() -> None:
-    assert FLASH_BYTES == 4 * 1024 * 1024
-    flash = Flash()
-    assert set(flash.read(0, FLASH_BYTES)) == {0xFF}
-    assert flash.erasures.tolist() == [0] * 1024
-
-
-def test_programming_only_clears_bits() -> None:
-    flash, scheduler = programmed(0x1000, b"\xf0\x0f")
-    flash.program(0x1000, b"\x3c\x3c")
-    scheduler.run_until(2 * MS)
-    assert flash.read(0x0FFF, 4) == b"\xff\x30\x0c\xff"
-
-
-def test_erasing_sets_a_sector_to_ones_and_wears_it() -> None:
-    content = bytes(FLASH_BYTES)
-    flash = Flash(content)
-    scheduler = powered(flash)
-    flash.erase(0x2000)
-    scheduler.run_until(60 * MS)
-    assert flash.read(0, FLASH_BYTES) == content[:0x2000] + b"\xff" * SECTOR + content[0x3000:]
-    assert flash.erasures.nonzero()[0].tolist() == [2]
-    flash.erase(0x2000)
-    assert flash.erasures[2] == 2
-
-
 @pytest.mark.parametrize(
     ("address", "data", "match"),
     [
@@ -88,18 +62,6 @@ def test_a_busy_flash_refuses_other_work() -> None:
     with pytest.raises(ValueError, match="busy until cycle 400000; it is cycle 0"):
         flash.program(1, b"\0")
     scheduler.run_until(MS)
-    flash.erase(0)
-
-
-def test_without_power_its_content_can_be_inspected_only() -> None:
-    flash, _ = programmed(0, b"\x12")
-    flash.cut_power()
-    flash.cut_power()
-    assert flash.read(0, 1) == b"\x12"
-    assert not flash.busy
-    with pytest.raises(ValueError, match="no power"):
-        flash.erase(0)
-    powered(flash)
     flash.erase(0)
 
 
@@ -195,19 +157,6 @@ def test_a_cut_at_a_byte_that_is_never_written_does_not_occur() -> None:
         flash.cut_power_after(-1)
 
 
-def test_a_cut_by_hand_precedes_a_planned_one() -> None:
-    flash, blown = Flash(), []
-    scheduler = powered(flash)
-    flash.cut_power_after(3, lambda: blown.append(scheduler.now))
-    flash.program(0, bytes(4))
-    flash.cut_power()
-    flash.power_up(scheduler)
-    flash.program(0x100, bytes(4))
-    scheduler.run_until(MS)
-    assert not blown
-    assert flash.read(0x100, 4) == bytes(4)
-
-
 # Defects
 
 
@@ -225,14 +174,6 @@ def test_failed_work_changes_nothing_and_is_reported() -> None:
     assert flash.read(0x2000, 1) == b"\xff"
     flash.program(0x2100, b"\x00")
     assert not flash.failed
-
-
-def test_a_failure_that_is_cut_short_changes_nothing_either() -> None:
-    flash, _ = programmed(0x1000, b"\x00")
-    flash.defects.failing_sectors.add(1)
-    flash.erase(0x1000)
-    flash.cut_power()
-    assert flash.read(0x1000, 2) == b"\x00\xff"
 
 
 def test_a_protected_flash_is_not_written() -> None:

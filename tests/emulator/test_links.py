@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from itertools import pairwise
 from typing import NamedTuple
 
 import pytest
@@ -18,7 +17,7 @@ from hypothesis import strategies as st
 from phasewire.emulator.boards.links import Links, LinkSpan, Passage
 from phasewire.emulator.boards.switches import Direction
 from phasewire.protocol.board import CORE_HZ
-from phasewire.protocol.timing import FIVE_WIRE, LINKS, TWO_WIRE, Link
+from phasewire.protocol.timing import FIVE_WIRE, LINKS, Link
 
 from tests.specification import table
 
@@ -71,16 +70,6 @@ def test_messages_hold_a_link_and_arrive_as_the_specification_says(make: Make, n
             assert links.free_at() == 1000 + cycles
 
 
-@pytest.mark.parametrize("make", [chain, followed])
-@pytest.mark.parametrize(("link", "microseconds"), [(FIVE_WIRE, 13.6), (TWO_WIRE, 34)])
-def test_ten_slices_and_ten_commits(make: Make, link: Link, microseconds: float) -> None:
-    links = make(link)
-    passages = [links.down(processor, tokens, 0) for tokens in (SLICE, COMMIT) for processor in range(10)]
-    assert passages[-1].leaves == microseconds * 400
-    assert passages[-1].arrives == microseconds * 400 + 400
-    assert all(before.leaves == after.begins for before, after in pairwise(passages))
-
-
 @given(
     before=st.lists(st.tuples(st.integers(0, 9), st.integers(1, 70), st.integers(0, 3000)), max_size=4),
     train=st.lists(st.tuples(st.integers(0, 9), st.integers(1, 70)), min_size=1, max_size=20),
@@ -108,81 +97,13 @@ def test_a_train_is_not_for_links_whose_tokens_are_followed() -> None:
     assert opened.train([0], [SLICE], 9000) is None
 
 
-def test_spans_come_one_delay_after_another(links: Links) -> None:
-    links.down(2, COLLECT, 100)
-    assert links.spans(Direction.DOWN) == [LinkSpan(0, 100, 172), LinkSpan(1, 140, 212), LinkSpan(2, 180, 252)]
-    links.up(1, COLLECT, 100)
-    assert links.spans(Direction.UP) == [LinkSpan(1, 100, 172), LinkSpan(0, 140, 212)]
-
-
-def test_directions_have_wires_of_their_own(links: Links) -> None:
-    links.down(9, SLICE, 0)
-    assert links.up(9, SLICE, 0) == (9, 0, 416, 816)
-
-
-def test_answers_meet_at_a_switch(links: Links) -> None:
-    """Processor 0 holds link 0 from 0 to 520; what comes from processor 2 waits at its switch from 80 on."""
-    assert links.up(0, 65, 0) == (0, 0, 520, 560)
-    # 28 tokens follow END on link 0. Before it 8 wait after link 1 and 8 after link 2; the rest has not begun. The
-    # first leaves link 1's buffer at 528; the one that then may follow begins on link 1 at 536, and from there frees a
-    # place after link 2 at 544, whose credit is with the sender at 552. Its 17th to 28th token take 12 · 8 from there.
-    assert links.up(2, 28, 0) == (2, 0, 552 + 96, 520 + 28 * 8 + 40)
-
-
 # Places and credits
-
-
-def test_a_slow_link_fills_the_buffer_before_it(links: Links) -> None:
-    """Link 1 takes 80 cycles a token, ten times as long as the others.
-
-    A token is there 8 cycles after it began and goes on at 40, of which link 1 needs 80: the first ends there at 120,
-    and the others 80 after each other. Eight tokens leave at full rate; the ninth waits for the place of the first,
-    whose credit is back at 128, and so ends on link 0 at 136; the others again 80 after each other.
-    """
-    links.set_link(1, slow(80))
-    assert links.down(1, 20, 0) == (1, 0, 136 + 11 * 80, 120 + 19 * 80 + 40)
-    assert links.spans(Direction.DOWN) == [LinkSpan(0, 0, 1016), LinkSpan(1, 40, 1640)]
-    # What follows for processor 0 begins with the place of the 13th token, whose credit is back at 120 + 12·80 + 8, and
-    # stands in the same buffer until END has left it at 1640; then tokens go by at the rate of link 0. The 9th takes
-    # the place of the 1st, which is left at 1648.
-    assert links.down(0, COLLECT, 0) == (0, 1088, 1648 + 8 + 8, 1640 + 9 * 8)
-
-
-def test_waiting_tokens_enter_a_channel_end_as_fast_as_they_came() -> None:
-    """On 2-wire links, 20 cycles a token: the last of 20 tokens leaves link 0's buffer at 40 + 20·80."""
-    links = chain(TWO_WIRE)
-    links.set_link(1, slow(80))
-    links.down(1, 20, 0)
-    assert links.spans(Direction.DOWN)[1] == LinkSpan(1, 40, 1640)
-    assert links.down(0, COLLECT, 0).arrives == 1640 + 9 * 20
-
-
-def test_places_taken_before_a_fault_stay_taken() -> None:
-    """Eight messages of a token each end on link 0 every 30 cycles; each place is the sender's again 150 + 60 later."""
-    links = Links([slow(30)] * 10, 150, 60)
-    for _ in range(8):
-        links.down(0, 1, 0)
-    links.set_link(0, FIVE_WIRE)
-    assert links.down(0, 3, 0) == (0, 240, 90 + 210 + 8, 308 + 150)
-
-
-def test_a_fast_link_after_a_slow_one_is_held_as_long(links: Links) -> None:
-    """It cannot send what has not come; of each token the last symbol is there 40 cycles after it came."""
-    links.set_link(0, slow(80))
-    assert links.down(1, 20, 0) == (1, 0, 1600, 1680)
-    assert links.spans(Direction.DOWN) == [LinkSpan(0, 0, 1600), LinkSpan(1, 80 + 40 - 8, 1640)]
 
 
 def test_credits_that_are_slow_to_return_halve_the_rate() -> None:
     """Eight tokens go in 64 cycles; the place of the first is left at 48, and its credit there at 128."""
     links = Links([FIVE_WIRE] * 10, credit_cycles=80)
     assert links.down(0, 16, 0).leaves == 128 + 64
-
-
-@pytest.mark.parametrize("hop", [40, 48])
-def test_eight_places_outlast_the_delay_of_a_switch(hop: int) -> None:
-    """Up to 48 cycles, with 8 for the credit, 5-wire links run at their full rate."""
-    assert Links([FIVE_WIRE] * 10, hop).down(9, SLICE, 0) == (9, 0, 416, 416 + 10 * hop)
 
 
 def test_a_slower_switch_slows_the_links() -> None:
@@ -203,58 +124,7 @@ def test_the_room_before_a_blocked_processor() -> None:
         assert links.free_at() == leaves
 
 
-def test_a_blocked_processor_holds_up_others(links: Links) -> None:
-    """11 tokens at processor 9 and 8 after each of ten links: 91 have room, and the next one waits for ever."""
-    links.block(9)
-    assert links.down(9, SLICE, 0).leaves == 416
-    assert links.down(9, 39, 0) == (9, 416, 416 + 312, None)
-    assert links.free_at() == 728
-    assert links.down(3, COLLECT, 0) == (3, None, None, None)
-    assert links.free_at() is None
-    assert links.up(9, COLLECT, 0).arrives == 72 + 400
-
-
-def test_a_message_that_fits_into_the_buffer_of_a_blocked_processor_leaves_the_route_free(links: Links) -> None:
-    """9 tokens are 6 without the header; after 2 more the buffer is full."""
-    links.block(4)
-    assert links.down(4, COLLECT, 0) == (4, 0, 72, None)
-    assert links.down(9, COLLECT, 0) == (9, 72, 144, 544)
-    assert links.down(4, 3 + 2 + 5 * BUFFER, 144).leaves == 144 + 45 * 8
-    assert links.down(9, COLLECT, 144) == (9, None, None, None)
-
-
-def test_a_cut_link_swallows_tokens_up_to_its_credit(links: Links) -> None:
-    links.cut(5)
-    assert links.down(4, SLICE, 0) == (4, 0, 416, 416 + 200)
-    assert links.down(5, BUFFER * 6, 416) == (5, 416, 416 + 48 * 8, None)
-    assert links.down(0, COLLECT, 0) == (0, None, None, None)
-    assert links.up(4, COLLECT, 0) == (4, 0, 72, 72 + 200)
-    assert links.up(7, BUFFER * 3 + 1, 0) == (7, 0, None, None)
-    assert links.spans(Direction.UP) == [
-        LinkSpan(7, 0, None),
-        LinkSpan(6, 40, None),
-        LinkSpan(5, 80, None),
-        *[LinkSpan(link, None, None) for link in (4, 3, 2, 1, 0)],
-    ]
-    assert links.up(4, COLLECT, 72).arrives == 144 + 200
-
-
-def test_a_message_without_a_receiver_stays_in_the_last_switch(links: Links) -> None:
-    """Clause CHN-023: eighty tokens have room, and the next message none."""
-    assert links.down(9, COLLECT, 0, reached=False) == (9, 0, 72, None)
-    assert links.down(0, COLLECT, 0) == (0, 72, 144, 144 + 40)
-    assert links.down(9, 80, 144) == (9, 144, None, None)
-
-
 # Routes without END
-
-
-@pytest.mark.parametrize("make", [chain, followed])
-def test_an_open_route_swallows_the_next_message_up_to_its_end(make: Make) -> None:
-    links = make(FIVE_WIRE)
-    assert links.down(2, SLICE - 1, 0, ends=False) == (2, 0, 408, 408 + 120)
-    assert links.down(7, SLICE, 0) == (2, 408, 824, 824 + 120)
-    assert links.down(7, SLICE, 0) == (7, 824, 1240, 1240 + 320)
 
 
 def test_a_message_that_enters_an_open_route_keeps_its_header(links: Links) -> None:

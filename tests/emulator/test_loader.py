@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from phasewire.base.errors import DeviceError, InputFileError
+from phasewire.base.errors import InputFileError
 from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash
 from phasewire.emulator.firmware.loader import (
     FACTORY_IMAGE,
@@ -99,23 +99,7 @@ def test_bytes_that_are_no_key_are_refused() -> None:
         DeviceIdentity.read(Flash(text + b"\xff" * (FLASH_BYTES - len(text))))
 
 
-# Which image boots: clauses FWU-019 and FWU-020
-
-
-def test_an_unmarked_image_is_not_run_from_a_blank_flash() -> None:
-    flash = Flash()
-    flash.power_up(Scheduler())
-    with pytest.raises(DeviceError, match="never written"):
-        boot(flash)
-
-
 # Trials
-
-
-def test_a_confirmed_record_is_not_written() -> None:
-    flash = stored(A=(0, (ERASED, WRITTEN)))
-    assert boot(flash).bank is Bank.A
-    assert not flash.busy
 
 
 def test_a_bank_without_a_trial_is_not_confirmed() -> None:

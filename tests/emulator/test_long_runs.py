@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import gc
 import weakref
-from functools import partial
 
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses
 from phasewire.emulator import faults
 from phasewire.emulator.boards.processor import Processor
-from phasewire.emulator.boards.sync import SyncLine
 from phasewire.emulator.ports.clock import BoardClock
 from phasewire.emulator.ports.excerpt import Excerpt
-from phasewire.emulator.scheduler import Branch, Scheduler
 from phasewire.protocol import (
     AmplitudeModulation,
     Entries,
     Entry,
     Fault,
-    NoOp,
     PlaySequence,
-    Reason,
     Samples,
     Slot,
     State,
@@ -112,18 +107,6 @@ def test_a_device_that_restarted_is_not_kept() -> None:
     assert before() is None
 
 
-def test_the_end_of_a_branch_does_not_affect_other_events() -> None:
-    scheduler = Scheduler()
-    seen: list[int] = []
-    branch, other = Branch(scheduler), Branch(scheduler)
-    for time, owner in ((5, branch), (3, other), (7, scheduler), (4, branch)):
-        owner.at(time, partial(seen.append, time))
-    branch.end()
-    branch.at(6, lambda: seen.append(6))
-    scheduler.run_until(10)
-    assert seen == [3, 7]
-
-
 def test_a_late_sequence_does_not_begin_on_a_processor_that_was_silenced_meanwhile() -> None:
     """SAF-007: the table is 12 periods late, and the board gets too hot before."""
     device = Device(Emulator(unfolded=True), enabled=True)
@@ -140,35 +123,6 @@ def test_a_late_sequence_does_not_begin_on_a_processor_that_was_silenced_meanwhi
         assert (np.diff(starts) >= 0).all()
     end = device.emulator.capture().end_tick
     assert not device.emulator.capture().bits(end - 2000, end)[:, 3].any()
-
-
-def test_stores_for_a_broken_chain_are_refused_and_not_delayed() -> None:
-    device = Device(Emulator(unfolded=True), enabled=True)
-    device.emulator.inject(faults.DeadProcessor(processor=0))
-    for number in range(20):
-        if device.emulator.running.can_accept:
-            device.send(Slot(number, HALF))
-    device.run_ms(5)
-    assert device.send(Slot(0, HALF)).reason is Reason.FAULT
-    assert device.send(NoOp()).reason is Reason.ACCEPTED
-
-
-def test_a_tracer_goes_on_after_a_restart() -> None:
-    device = Device(Emulator(), enabled=True)
-    device.emulator.watch()
-    device.send(Update(HALF))
-    device.run(5)
-    device.order(Request.RESET)
-    device.run_until_started()
-    device.configure()
-    device.order(Request.ENABLE)
-    device.send(Update(HALF))
-    device.run(5)
-    tracer = device.emulator.tracer
-    kinds = {span.kind for span in tracer.spans(device.emulator.scheduler.now)}
-    assert {"sort", "slice", "commit", "rasterise", "plays"} <= kinds
-    for signal in tracer.signals():
-        signal.check()
 
 
 def test_a_listener_whose_first_pulse_never_comes_has_no_sync() -> None:
@@ -190,16 +144,6 @@ def test_a_listener_whose_first_pulse_never_comes_has_no_sync() -> None:
     listener.run_until_started()
     device = Device(listener)
     assert (device.state, device.status().faults) == (State.FAULT, Fault.SYNC)
-
-
-def test_listeners_are_kept_once() -> None:
-    line = SyncLine()
-    heard: list[int] = []
-    for _ in range(3):
-        line.listen(heard.append)
-    line.fail(7)
-    line.fail(8)
-    assert heard == [7]
 
 
 def test_an_excerpt_begins_where_the_capture_s_memory_does() -> None:

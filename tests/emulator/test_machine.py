@@ -10,7 +10,6 @@ from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import Link
 
 from tests.emulator.passing import now, pass_until
-from tests.strategies import update
 
 
 def test_it_is_open_within_its_context_only() -> None:
@@ -38,15 +37,6 @@ def test_it_stays_open_without_a_context_until_it_is_closed() -> None:
         emulator.open()
 
 
-def test_serial_numbers_differ() -> None:
-    assert Emulator().serial != Emulator().serial
-
-
-def test_time_stands_still_between_calls(emulator: Emulator) -> None:
-    emulator.run(3)
-    assert (emulator.capture().end_tick, emulator.capture().end_tick) == (150, 150)
-
-
 @pytest.mark.parametrize("offsets", [{5: 1}, {-1: 1}, {0: -1}])
 def test_impossible_clock_offsets_are_named(offsets: dict[int, int]) -> None:
     with pytest.raises(ValueError, match="boards are 0 to 4, offsets not negative"):
@@ -58,11 +48,6 @@ def test_links_slower_than_info_can_state_are_refused() -> None:
         assert device.info.cycles_per_symbol == 255
     with pytest.raises(ValueError, match="256 core cycles a symbol: INFO tells at most 255"):
         Emulator(link=Link("slower", 2, 10, cycles_per_symbol=256))
-
-
-def test_time_does_not_run_backwards(emulator: Emulator) -> None:
-    with pytest.raises(ValueError, match="periods -1 must be a whole number"):
-        emulator.run(-1)
 
 
 def test_a_late_board_plays_the_same_wave_later() -> None:
@@ -97,34 +82,7 @@ def test_periods_run_to_their_end(emulator: Emulator) -> None:
     assert now(emulator) == 50_000
 
 
-def test_a_closed_emulator_does_not_open_again() -> None:
-    emulator = Emulator()
-    with emulator:
-        pass
-    with pytest.raises(ValueError, match="this emulator is closed; make a new one"):
-        emulator.__enter__()
-
-
 @pytest.mark.parametrize("serial", ["", "a b", "a?b", "ü", "x" * 65])
 def test_serial_numbers_that_no_url_can_name_are_refused(serial: str) -> None:
     with pytest.raises(ValueError, match="must be 1 to 64 letters, digits"):
         Emulator(serial=serial)
-
-
-def test_old_output_can_be_forgotten() -> None:
-    emulator = Emulator(history_periods=400)
-    twin = Emulator()
-    for device in (emulator, twin):
-        device.usb.control(Setup(0x00, 9, 1, 0, 0))
-        device.usb.control(Setup(0x41, Request.ENABLE, 0, 0, 0))
-        for number in range(100):
-            device.usb.bulk_out(0x01, update(Pulses(np.full(320, number), np.full(320, 1 + number % 25)), number))
-            device.usb.bulk_in(0x81)
-            device.run(20)
-    kept, whole = emulator.capture(), twin.capture()
-    assert kept.start_tick > 0
-    assert kept.end_tick - kept.start_tick >= 400 * 50
-    assert len(kept.tracks[0].segments.slices) < 60 < len(whole.tracks[0].segments.slices)
-    assert (kept.bits(kept.start_tick, kept.end_tick) == whole.bits(kept.start_tick, kept.end_tick)).all()
-    with pytest.raises(ValueError, match=f"not within the captured {kept.start_tick} to"):
-        kept.bits(kept.start_tick - 1, kept.end_tick)

@@ -66,15 +66,6 @@ def report(tested: Processor) -> Report:
     return answer
 
 
-def test_a_commit_for_another_slice_is_missed_and_takes_the_slice_out() -> None:
-    scheduler, tested = processor()
-    tested.receive(SLICE.encode())
-    tested.receive(Commit.of(3, SILENCE).encode())
-    tested.receive(Commit.of(4, SLICE).encode())
-    scheduler.run_until(5 * PERIOD)
-    assert (tested.missed_commits, starts(tested)) == (2, [])
-
-
 @pytest.mark.parametrize(("late", "carried_out"), [(0, [3]), (1, [])])
 def test_a_commit_that_leaves_no_time_to_rasterise_is_missed(late: int, carried_out: list[int]) -> None:
     scheduler, tested = processor()
@@ -157,21 +148,6 @@ def test_a_table_takes_longer_to_make_while_a_modulation_plays() -> None:
     tested.receive(SLICE.encode())
     tested.receive(Commit.of(5, SLICE).encode())
     assert tested.missed_commits == 1
-
-
-def test_a_program_that_stops_a_sequence_leaves_a_table_that_plays() -> None:
-    """Clause CHN-014: it has no effect if none plays."""
-    scheduler, tested = with_slot()
-    tested.receive(SLICE.encode())
-    tested.receive(Commit.of(2, SLICE).encode())
-    tested.receive(Program(0, Memory.ENTRIES, 4, first=0, count=0).encode())
-    scheduler.run_until(5 * PERIOD)
-    assert any(played(tested.track(), 4))
-    tested.receive(Program(0, Memory.ENTRIES, 7, first=0, count=1).encode())
-    scheduler.run_until(8 * PERIOD)
-    tested.receive(Program(0, Memory.ENTRIES, 10, first=0, count=0).encode())
-    scheduler.run_until(12 * PERIOD)
-    assert [any(played(tested.track(), period)) for period in (8, 9, 10, 11)] == [True, True, False, False]
 
 
 def test_silence_drops_what_waits_and_what_modulates() -> None:

@@ -21,14 +21,6 @@ def test_actions_run_in_order_of_time_then_of_scheduling() -> None:
     assert seen == [(3, "a"), (5, "b"), (5, "c")]
 
 
-def test_an_action_may_schedule_another_within_the_same_run() -> None:
-    scheduler, seen = Scheduler(), []
-    scheduler.at(1, lambda: scheduler.at(2, lambda: seen.append(scheduler.now)))
-    scheduler.run_until(10)
-    assert seen == [2]
-    assert scheduler.next_time() is None
-
-
 def test_the_past_is_closed() -> None:
     scheduler = Scheduler()
     scheduler.run_until(10)

@@ -123,22 +123,7 @@ def test_a_host_that_gets_an_answer_counts_as_arrived(controller: ModelControlle
     assert controller.arrivals == arrives
 
 
-def test_an_answer_that_waits_for_dtr_is_none(controller: ModelController) -> None:
-    line = line_of(controller, needs_dtr=True)
-    assert said(line, b"status\r") == b""
-    assert controller.arrivals == 0
-    line.open()
-    said(line, b"status\r")
-    assert controller.arrivals == 1
-
-
 # Modes
-
-
-def test_text_that_waits_is_sent_before_frames_begin() -> None:
-    line = line_of(ModelController())
-    line.receive(b"stop\r")
-    assert said(line, b"\0") == b"stop\r\nok\r\n> \0"
 
 
 def test_a_begun_frame_is_sent_to_its_end() -> None:
@@ -146,18 +131,6 @@ def test_a_begun_frame_is_sent_to_its_end() -> None:
     line.receive(request(1, 2, length=64) + request(2, 2, length=64))
     begun = line.take(1)
     assert heard(begun + said(line, CONSOLE)) == ["reply 01", "console", "> "]
-
-
-def test_hanging_up_drops_what_waits_and_counts_a_begun_frame(controller: ModelController) -> None:
-    line = among_frames(controller)
-    line.receive(STATUS_REQUEST + STATUS_REQUEST[:4])
-    line.take(3)
-    line.hang_up()
-    assert controller.dropped_frames == 1
-    assert line.pending == 0
-    assert said(line, b"stop\r") == b"stop\r\nok\r\n> "
-    line.hang_up()
-    assert controller.dropped_frames == 1
 
 
 # Blocks that wait
@@ -192,19 +165,6 @@ def test_a_block_waits_on_if_another_line_took_the_room() -> None:
 
 
 # Unsolicited records
-
-
-def test_the_line_registers_for_notifications(controller: ModelController) -> None:
-    line = line_of(controller)
-    assert controller.doors == [line]
-
-
-def test_the_newest_unsolicited_record_is_sent_after_the_answers() -> None:
-    line = among_frames(ModelController())
-    line.notify(status(1))
-    line.receive(block(no_op(1)))
-    line.notify(status(2))
-    assert heard(said(line, STATUS_REQUEST)) == ["ack 1", "reply 2a", "status 2"]
 
 
 def test_a_begun_unsolicited_record_is_not_replaced() -> None:
@@ -272,24 +232,6 @@ def test_a_restart_without_a_terminal_does_not_wait(controller: ModelController)
 # The line's owner
 
 
-def test_the_owner_is_told_of_output() -> None:
-    told: list[int] = []
-    controller = ModelController(room=0)
-    line = SerialLine(controller, detach=lambda _: None, on_output=lambda: told.append(line.pending))
-    line.receive(b"")
-    assert told == []
-    line.receive(b"\0")
-    assert told == [1]
-    line.receive(block(update(1)))
-    line.take(ENOUGH)
-    told.clear()
-    controller.make_room()
-    assert len(told) == 1
-    line.take(ENOUGH)
-    line.notify(status(1))
-    assert told[1] == line.pending > 64
-
-
 def test_an_owner_that_sends_at_once_gets_everything_in_order() -> None:
     sent = bytearray()
     controller = ModelController()
@@ -297,27 +239,6 @@ def test_an_owner_that_sends_at_once_gets_everything_in_order() -> None:
     line.receive(b"\0" + block(no_op(1)) + STATUS_REQUEST + block(no_op(2)) + RESET)
     assert heard(bytes(sent[1:])) == ["ack 1", "reply 2a", "ack 2", "reply 77", "console"]
     assert restarts(controller)
-
-
-def test_bytes_can_come_in_any_pieces() -> None:
-    whole, pieces = among_frames(ModelController()), among_frames(ModelController())
-    sent = block(no_op(1)) + STATUS_REQUEST
-    pieces.receive(sent)
-    taken = [pieces.take(7) for _ in range(-(-pieces.pending // 7))]
-    assert b"".join(taken) == said(whole, sent)
-    assert {len(piece) for piece in taken[:-1]} == {7}
-    assert pieces.pending == 0
-
-
-def test_the_line_stops_receiving_if_its_host_does_not_read() -> None:
-    line = line_of(ModelController())
-    for _ in range(100):
-        if not line.can_receive:
-            break
-        line.receive(b"help\r")
-    assert not line.can_receive
-    line.take(ENOUGH)
-    assert line.can_receive
 
 
 # Any bytes

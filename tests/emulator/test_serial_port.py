@@ -10,12 +10,9 @@ import serial
 from phasewire import Emulator
 from phasewire.base.errors import DeviceNotFoundError
 from phasewire.emulator.doors.serial_port import EmulatedPort, port_for_url
-from phasewire.protocol.board import WATCHDOG_MS
-from phasewire.protocol.codes import State
 
 CONSOLE = bytes.fromhex("06 05 02 1b 68 a2 00")  # the vector frame-console
 STATUS_REQUEST = bytes.fromhex("05032AC102 01 0101 0240 05CDC288CE 00")  # the worked example of chapter SER
-BYTE_SECONDS = 10 / 115_200
 
 
 @pytest.fixture
@@ -27,21 +24,6 @@ def port(emulator: Emulator) -> Iterator[EmulatedPort]:
 
 def passed(port: EmulatedPort, since: float) -> float:
     return port.time.monotonic() - since
-
-
-def test_it_is_a_port_of_pyserial(port: EmulatedPort, emulator: Emulator) -> None:
-    assert isinstance(port, serial.SerialBase)
-    assert (port.name, port.baudrate, port.is_open) == (emulator.url, 115_200, True)
-    assert (port.product, port.serial_number) == ("phasewire five-board array (emulated)", emulator.serial)
-
-
-def test_each_byte_takes_ten_bits_there_and_back(port: EmulatedPort) -> None:
-    """One byte and its echo: 2 · 86.8 µs, and not the whole time-out."""
-    start = port.time.monotonic()
-    assert port.write(b"v") == 1
-    assert passed(port, start) == 0
-    assert port.read(1) == b"v"
-    assert passed(port, start) == pytest.approx(2 * BYTE_SECONDS, rel=1e-3)
 
 
 @pytest.mark.parametrize("baud", [9_600, 115_200, 3_000_000])
@@ -117,16 +99,6 @@ def test_closing_sends_the_rest_and_the_device_does_not_notice(port: EmulatedPor
     assert port.read(100) == CONSOLE + b"> "
 
 
-@pytest.mark.parametrize("method", ["read", "write", "flush"])
-def test_a_closed_port_says_so(port: EmulatedPort, method: str) -> None:
-    port.close()
-    port.close()
-    with pytest.raises(serial.PortNotOpenError):
-        getattr(port, method)(*[b"x"] * (method == "write"))
-    with pytest.raises(serial.PortNotOpenError):
-        assert port.in_waiting
-
-
 def test_a_break_returns_to_the_console(port: EmulatedPort) -> None:
     """Clause SER-010; the device gets earlier bytes before the break."""
     port.timeout = 0.1
@@ -149,17 +121,6 @@ def test_both_ends_have_the_same_rate(port: EmulatedPort) -> None:
 
 
 # A device that cannot receive
-
-
-def test_a_device_that_restarts_is_back_at_its_console(port: EmulatedPort, emulator: Emulator) -> None:
-    before = emulator.line
-    port.write(b"echo 0\rreset\r")
-    assert port.read(20) == b"echo 0\r\nok\r\n> ok\r\n> "
-    port.timeout = 0.05
-    assert port.read(1) == b""
-    assert emulator.line is not before
-    port.write(b"\r")
-    assert port.read(100) == b"\r\n> "  # with echo
 
 
 def test_a_device_without_power_or_in_dfu_mode_or_closed_is_silent(emulator: Emulator) -> None:
@@ -194,25 +155,8 @@ def test_an_endless_wait_for_a_device_without_power_ends(port: EmulatedPort, emu
 # URLs
 
 
-def test_a_fresh_device_may_have_another_rate_and_another_link() -> None:
-    with port_for_url("emulator:?door=serial&baud=3000000&link=2wire") as port:
-        port.timeout = 0.05
-        assert port.baudrate == 3_000_000
-        port.write(b"echo 0\rinfo\r")
-        assert b"link_wires: 2\r\n" in port.read(1000)
-
-
 def test_the_error_for_an_unknown_serial_number_lists_the_known() -> None:
     with pytest.raises(DeviceNotFoundError, match=r"no device at 'emulator:Z\?door=serial': nothing is plugged in"):
         port_for_url("emulator:Z?door=serial")
     with Emulator(serial="A"), Emulator(serial="B"), pytest.raises(DeviceNotFoundError, match="there are 'A', 'B'"):
         port_for_url("emulator:Z?door=serial")
-
-
-def test_the_watchdog_fires_during_a_wait(port: EmulatedPort, emulator: Emulator) -> None:
-    """Clause SAF-003."""
-    port.write(b"enable\r")
-    port.time.sleep(WATCHDOG_MS / 1000 - 0.01)
-    states = [emulator.running.state]
-    port.time.sleep(0.02)
-    assert [*states, emulator.running.state] == [State.READY, State.OFF]

@@ -137,14 +137,6 @@ def test_devices_are_listed_attached_and_used(house: House) -> None:
     until(lambda: house.devices[0].happened == ["reset", "unplug", "plug"])
 
 
-def test_devices_can_be_used_at_once(house: House) -> None:
-    with house.client() as first, house.client() as second:
-        assert first.attach("1-1") == second.attach("1-2") == 0
-        one, two = first.submit(0x01, 5, b"first"), second.submit(0x01, 6, b"second")
-        assert first.wait_for(one).status == second.wait_for(two).status == 0
-    assert [device.taken for device in house.devices] == [[(1, b"first")], [(1, b"second")]]
-
-
 @pytest.mark.parametrize("data", [b"GET / HTTP/1.1\r\n\r\n", b"\0" * 48])
 def test_a_client_that_breaks_the_protocol_is_dropped_and_others_stay(house: House, data: bytes) -> None:
     with house.client() as good:
@@ -160,16 +152,6 @@ def test_a_client_that_breaks_the_protocol_is_dropped_and_others_stay(house: Hou
                 worse.receive(1)
         assert good.write(0x01, b"still here").status == 0
     assert any("was dropped: it sent" in line for line in house.told)
-
-
-def test_a_device_that_leaves_the_bus_ends_the_connection(house: House) -> None:
-    with house.client() as client:
-        client.attach("1-1")
-        house.call(lambda: setattr(house.devices[0], "generation", 9))
-        with pytest.raises(EOFError):
-            client.descriptor(1, 18)
-    with house.client() as client:
-        assert client.attach("1-1") == 0
 
 
 def test_a_client_that_only_receives_gets_bytes_soon(house: House) -> None:
@@ -272,16 +254,6 @@ def test_no_attack_on_a_door_ends_the_service_of_others(
         until(is_served)
     assert served.error is None
     assert sum("clients have requested nothing yet" in line for line in served.told) <= 1
-
-
-def test_a_silent_client_costs_no_buffer_and_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serving, "GREETING_SECONDS", 0.05)
-    with House(Pace.WALL) as house, house.client() as client:
-        until(lambda: house.server.links[1:])
-        assert getattr(house.server.links[1], "_buffer", b"") is None
-        with pytest.raises(EOFError):
-            client.receive(1)
-    assert any("was dropped: it requested nothing within 0.05 s" in line for line in house.told)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the numbers of files have this limit on Linux")
@@ -394,15 +366,6 @@ def test_the_server_goes_on_computing_a_slow_model() -> None:
         house.call(lambda: scheduler.at(scheduler.now + 20_000_000, lambda: device.give(0x81, b"late")))
         assert client.wait_for(number).data == b"late"
         device.generation = 0
-
-
-def test_pyserial_speaks_to_the_line_by_tcp(house: House) -> None:
-    with serial.serial_for_url(f"socket://{LOOPBACK}:{house.tcp}", timeout=PATIENCE) as port:
-        port.write(b"hello")
-        assert port.read(5) == b"HELLO"
-        port.write(b"x" * 3000)
-        assert port.read(3000) == b"X" * 3000
-    until(lambda: house.lines[0].hung_up == 1)
 
 
 def test_a_line_has_one_client_at_a_time(house: House) -> None:

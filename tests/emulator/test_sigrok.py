@@ -46,12 +46,3 @@ def test_320_outputs_make_samples_of_40_bytes(tmp_path: Path) -> None:
     with ZipFile(tmp_path / "a.sr") as archive:
         assert b"unitsize=40\n" in archive.read("metadata")
         assert archive.read("logic-1-1") == words.astype("<u4").tobytes()
-
-
-def test_the_same_excerpt_gives_the_same_bytes(tmp_path: Path) -> None:
-    excerpt = Excerpt.of(HandMade.of({3: "0110"}))
-    write_sigrok(tmp_path / "a.sr", excerpt)
-    write_sigrok(tmp_path / "b.sr", excerpt)
-    assert (tmp_path / "a.sr").read_bytes() == (tmp_path / "b.sr").read_bytes()
-    with ZipFile(tmp_path / "a.sr") as archive:
-        assert {member.date_time[0] for member in archive.infolist()} == {1980}

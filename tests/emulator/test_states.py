@@ -8,7 +8,6 @@ from phasewire.emulator.door import Stall
 from phasewire.protocol.blocks import (
     Entries,
     Entry,
-    PlaySequence,
     Samples,
     Slot,
     Update,
@@ -19,7 +18,6 @@ from phasewire.protocol.timing import FIVE_WIRE, Link
 from tests.emulator.hosts import FULL, HALF, PERIOD, Device, Terminal
 
 MS = 400_000
-FOR_EVER = PlaySequence(0, 1)
 
 
 def stocked(*, unfolded: bool = True, link: Link = FIVE_WIRE) -> Device:

@@ -175,15 +175,3 @@ def test_at_the_fast_pace_the_device_comes_to_rest_after_each_message() -> None:
     stand.uart.receive(b"b")
     stand.station.pass_time(1.0)
     assert happened == [1, 20, 30]
-
-
-def test_at_the_fast_pace_the_same_bytes_take_the_same_time() -> None:
-    ends = set()
-    for hurry in (0.0, 0.3):
-        stand = Stand(Pace.FAST)
-        for word in (b"one", b"two"):
-            stand.clock += hurry
-            stand.uart.receive(word)
-            stand.station.pass_time(1.0)
-        ends.add(stand.scheduler.now)
-    assert len(ends) == 1

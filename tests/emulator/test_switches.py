@@ -51,16 +51,6 @@ def test_an_answer_reaches_the_controller_from_every_processor(numbered: int) ->
         assert walk(stage(numbered), processor, CONTROLLER) == -1
 
 
-def test_a_number_has_no_receiver_when_all_have_theirs() -> None:
-    """Clause CHN-023: it would block the chain."""
-    assert destination(stage(10), UNNUMBERED) == Destination(9, reached=False)
-
-
-@pytest.mark.parametrize("node", range(10, 16))
-def test_numbers_beyond_the_chain_leave_it_at_its_end(node: int) -> None:
-    assert destination(stage(10), node) == Destination(9, reached=False)
-
-
 def test_an_unassigned_number_turns_back_at_the_first_processor_without_one() -> None:
     assert destination(stage(3), 7) == Destination(3, reached=False)
 

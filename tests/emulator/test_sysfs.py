@@ -2,9 +2,8 @@ from __future__ import annotations
 
 import pytest
 from phasewire import Emulator
-from phasewire.emulator.doors.sysfs import device_files, device_properties, interface_files, interface_properties
+from phasewire.emulator.doors.sysfs import device_files
 from phasewire.emulator.doors.usbfs import KernelDevice
-from phasewire.protocol.enumeration import FULL_SPEED
 
 
 @pytest.fixture
@@ -51,23 +50,3 @@ def test_files_of_a_device_read_as_the_kernel_writes_them(device: KernelDevice) 
         "product": "phasewire five-board array (emulated)\n",
         "serial": "S-1\n",
     }
-
-
-def test_files_of_interfaces(device: KernelDevice) -> None:
-    array, _, data, dfu = device.interfaces
-    files = interface_files(device, array)
-    assert files["interface"] == b"phasewire array\n"
-    numbers = ("bInterfaceNumber", "bAlternateSetting", "bNumEndpoints")
-    assert [files[name] for name in numbers] == [b"00\n", b" 0\n", b"02\n"]
-    assert files["modalias"] == b"usb:v1209p0001d0010dcEFdsc02dp01icFFisc50ip01in00\n"
-    assert "interface" not in interface_files(device, data)
-    assert interface_files(device, dfu)["bInterfaceClass"] == b"fe\n"
-    assert interface_properties(device, dfu)["INTERFACE"] == "254/1/1"
-
-
-def test_what_changes(device: KernelDevice, monkeypatch: pytest.MonkeyPatch) -> None:
-    device.configure(0)
-    assert device_files(device, port=1)["bConfigurationValue"] == b"\n"
-    monkeypatch.setattr(KernelDevice, "speed", FULL_SPEED)
-    assert device_files(device, port=1)["speed"] == b"12\n"
-    assert device_properties(device)["DEVNUM"] == "011"

@@ -63,36 +63,10 @@ def test_lanes_stand_together_in_order_whatever_the_order_of_spans() -> None:
     assert sorted((name for name in named if name in groups), key=named.__getitem__) == groups
 
 
-def test_boundaries_are_named_and_stay_few() -> None:
-    (axes,) = draw_timeline([Span(24_000, 50_000, "USB", "packet")]).axes
-    assert [line.get_xdata()[0] for line in axes.lines] == [15, 40, 65]  # type: ignore[index]  # typed as any array
-    assert {"period 3", "period 4", "period 5"} <= {text.get_text() for text in axes.texts}
-    (axes,) = draw_timeline([Span(0, 10_000_000, "USB", "packet")]).axes
-    assert 8 <= len(axes.lines) <= 17
-
-
-def test_a_bar_has_as_much_text_as_fits() -> None:
-    spans = [
-        Span(0, 10_000, "USB", "packet"),
-        Span(10_000, 10_600, "link 0", "slice 7"),
-        Span(10_600, 10_700, "link 0", "slice 8"),
-        Span(10_700, 10_701, "link 0", "slice 9"),
-    ]
-    (axes,) = draw_timeline(spans).axes
-    written = {text.get_text() for text in axes.texts}
-    assert {"packet, 25 µs", "slice 7", "8"} <= written
-    assert not written & {"slice 9", "9"}
-
-
 @pytest.mark.parametrize("link", [FIVE_WIRE, TWO_WIRE])
 def test_a_device_handles_an_update_as_the_specification_says(link: Link) -> None:
     """Period 0 begins when the device comes up; enabling it takes no time."""
     assert way_of_an_update(Emulator(link=link)) == sorted(one_update(link, 0))
-
-
-def test_there_is_no_boundary_within_a_period() -> None:
-    (axes,) = draw_timeline([Span(5, 6, "USB", "packet")]).axes
-    assert not list(axes.lines)
 
 
 @pytest.mark.parametrize("spans", [[], [Span(5, 5, "USB", "packet")]])

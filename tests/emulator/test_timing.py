@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator, Pulses
 from phasewire.emulator.doors.backend import EmulatorBackend
-from phasewire.protocol import Info
 from phasewire.protocol.codes import Request
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Budget, Link
@@ -48,9 +47,3 @@ def test_a_cycle_too_late_for_a_boundary_is_a_period_too_late(link: Link, just_i
     """The sums by hand: 3846 + 6000 + 5440 or 13 600 + 400 + 4400 cycles before period 3, at 30 000."""
     assert first_tick(link, just_in_time) == 150
     assert first_tick(link, just_in_time + 1) == 200
-
-
-@pytest.mark.parametrize(("link", "rate"), [(FIVE_WIRE, 40_000), (TWO_WIRE, 20_000)])
-def test_the_device_reports_the_rate_that_holds(link: Link, rate: int) -> None:
-    info = Info.decode(ready(link).usb.control(Setup(0xC1, Request.INFO, 0, 0, 64)))
-    assert info.max_updates_per_second == Budget.of(link).updates_per_second == rate

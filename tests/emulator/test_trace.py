@@ -5,7 +5,6 @@ import pytest
 from phasewire import Emulator, Pulses
 from phasewire.emulator.control.agenda import QUEUE_BLOCKS
 from phasewire.emulator.doors.backend import EmulatorBackend
-from phasewire.emulator.trace import Span, Tracer
 from phasewire.protocol.codes import Request, State
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
@@ -82,22 +81,3 @@ def test_a_device_without_a_tracer_keeps_nothing() -> None:
     write(emulator)
     emulator.run(10)
     assert (emulator.tracer.spans(0), emulator.tracer.signals()) == ([], [])
-
-
-def test_a_new_span_ends_the_last_and_an_open_one_reaches_to_now() -> None:
-    tracer = Tracer()
-    tracer.watching, tracer.origin = True, 100
-    tracer.begin(110, "port 0", "plays")
-    tracer.begin(120, "port 0", "plays")
-    assert tracer.spans(150) == [Span(10, 20, "port 0", "plays"), Span(20, 50, "port 0", "plays")]
-    tracer.end(130, "port 0")
-    assert tracer.spans(150) == [Span(10, 20, "port 0", "plays"), Span(20, 30, "port 0", "plays")]
-
-
-def test_the_last_value_in_a_cycle_counts_and_a_repetition_is_no_change() -> None:
-    tracer = Tracer()
-    tracer.watching = True
-    for cycle, value in ((1, 0), (5, 1), (5, 2), (6, 2), (7, 3), (7, 2)):
-        tracer.value(cycle, "a.b", 2, value)
-    (signal,) = tracer.signals()
-    assert (signal.name, signal.width, signal.changes) == ("a.b", 2, ((1, 0), (5, 2)))

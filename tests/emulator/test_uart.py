@@ -26,19 +26,6 @@ class Wire:
         self.uart.run()
 
 
-def test_bytes_take_ten_bits_each_in_either_direction() -> None:
-    wire = Wire()
-    wire.uart.receive(b"abc")
-    wire.run_until(SECOND // 10_000 - 1)
-    assert wire.line.heard == b""
-    wire.run_until(SECOND // 10_000)
-    assert (wire.line.heard, wire.uart.pending) == (b"a", 0)
-    wire.run_until(2 * SECOND // 10_000)
-    assert (wire.line.heard, wire.uart.take(10)) == (b"ab", b"A")  # both ways are busy at once
-    wire.run_until(4 * SECOND // 10_000)
-    assert (wire.line.heard, wire.uart.take(10)) == (b"abc", b"BC")
-
-
 @pytest.mark.parametrize("baud", [1, 300, 115_200, 1_000_000, 12_000_000])
 def test_a_long_text_takes_its_time_to_the_cycle(baud: int) -> None:
     wire = Wire(baud)
@@ -114,28 +101,3 @@ def test_a_client_that_does_not_read_or_sends_too_fast_is_held_up() -> None:
     wire.uart.take(said)
     wire.run_until(3 * SECOND)
     assert wire.uart.take(10)[-4:] == b"more"
-
-
-def test_time_must_pass_while_bytes_are_on_the_line() -> None:
-    wire = Wire()
-    assert not wire.uart.presses
-    wire.uart.receive(b"a")
-    assert wire.uart.presses
-    wire.run_until(SECOND)
-    assert not wire.uart.presses
-
-
-@pytest.mark.parametrize("baud", [0, -1, 12_000_001])
-def test_other_baud_rates_are_refused(baud: int) -> None:
-    with pytest.raises(ValueError, match=f"{baud} baud"):
-        Uart(StandInLine, Scheduler(), baud)
-
-
-def test_a_device_without_a_line_neither_receives_nor_sends() -> None:
-    uart = Uart(lambda: None, scheduler := Scheduler(), 100_000)
-    uart.connect()
-    uart.receive(b"hello")
-    scheduler.run_until(SECOND)
-    uart.run()
-    uart.hang_up()
-    assert (uart.pending, uart.presses, uart.next_time(None)) == (0, False, None)

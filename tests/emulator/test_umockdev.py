@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import select
 import shutil
 import signal
 import socket
@@ -23,7 +21,7 @@ from phasewire import Emulator
 from phasewire.base.errors import DeviceNotFoundError
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.doors import umockdev
-from phasewire.emulator.doors.umockdev import MockUsb, PollFile, run_under_mock
+from phasewire.emulator.doors.umockdev import MockUsb, run_under_mock
 from phasewire.protocol.enumeration import FULL_SPEED
 
 from tests.attacks import no_files
@@ -75,45 +73,6 @@ def test_lsusb_finds_no_fault_at_full_speed(run: Runner) -> None:
     assert (code, err) == (0, "")
     assert re.findall(r"wMaxPacketSize +(\w+)", out) == ["0x0040", "0x0040", "0x0010", "0x0040", "0x0040"]
     assert not COMPLAINT.search(out)
-
-
-@needs("lsusb")
-def test_lsusb_reads_every_descriptor_and_finds_no_fault(run: Runner) -> None:
-    code, out, err = run("lsusb", "-v", machines=[Emulator(serial="LS-1")])
-    assert (code, err) == (0, "")
-    assert not COMPLAINT.search(out)
-    lines = [" ".join(line.split()) for line in out.splitlines()]
-    assert lines[1].startswith("Bus 001 Device 002: ID 1209:0001 ")
-    expected = """
-        bcdUSB 2.01 | bDeviceClass 239 | idVendor 0x1209 | idProduct 0x0001 | iManufacturer 1 phasewire
-        iProduct 2 phasewire five-board array (emulated) | iSerial 3 LS-1
-        wTotalLength 0x0074 | bNumInterfaces 4 | bmAttributes 0xc0 | Self Powered | MaxPower 100mA
-        bInterfaceClass 255 | bInterfaceSubClass 80 | bInterfaceProtocol 1 | iInterface 4 phasewire array
-        bEndpointAddress 0x01 EP 1 OUT | bEndpointAddress 0x81 EP 1 IN | wMaxPacketSize 0x0200 1x 512 bytes
-        Interface Association: | bFirstInterface 1 | bInterfaceCount 2 | iFunction 5 phasewire console
-        bcdCDC 1.20 | line coding and serial state | bMasterInterface 1 | bSlaveInterface 2
-        bEndpointAddress 0x82 EP 2 IN | wMaxPacketSize 0x0010 1x 16 bytes | bInterval 9
-        bEndpointAddress 0x03 EP 3 OUT | bEndpointAddress 0x83 EP 3 IN | iInterface 6 phasewire firmware update
-        Will Detach | Manifestation Tolerant | Upload Supported | Download Supported
-        wDetachTimeout 1000 milliseconds | wTransferSize 2048 bytes | bcdDFUVersion 1.10
-        Binary Object Store Descriptor: | PlatformCapabilityUUID {d8dd60df-4589-4cc7-9cd2-659d9e648a9f}
-        Device Status: 0x0001
-    """
-    rest = iter(lines)  # the name from the machine's usb.ids may follow a number
-    for line in re.split(r"\s*[|\n]\s*", expected.strip()):
-        assert any(f"{found} ".startswith(f"{line} ") for found in rest), f"{line!r} does not come, or not in its place"
-
-
-@needs("dfu-util")
-def test_dfu_util_lists_every_device(run: Runner) -> None:
-    two = [Emulator(serial="DFU-1"), Emulator(serial="DFU-2")]
-    code, out, err = run("dfu-util", "--list", machines=two)
-    assert (code, err) == (0, "")
-    assert [line for line in out.splitlines() if line.startswith("Found")] == [
-        f'Found Runtime: [1209:0001] ver=0010, devnum={port + 1}, cfg=1, intf=3, path="1-{port}", alt=0, '
-        f'name="phasewire firmware update", serial="DFU-{port}"'
-        for port in (1, 2)
-    ]
 
 
 @needs()
@@ -237,18 +196,6 @@ def test_the_device_s_time_is_the_wall_clock_s(run: Runner) -> None:
     assert 0.4 < machine.scheduler.now / SECOND < 1.5
 
 
-def test_a_node_reports_pollout_only(tmp_path: Path) -> None:
-    file = PollFile(tmp_path / "002")
-    program = os.open(tmp_path / "002", os.O_RDWR)
-    poll = select.poll()
-    poll.register(program, select.POLLIN | select.POLLOUT)
-    for writable in (False, True, True, False, False, True):
-        file.show(writable)
-        assert bool(dict(poll.poll(0)).get(program, 0) & select.POLLOUT) is writable
-    os.close(program)
-    file.close()
-
-
 def test_without_umockdev_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     with pytest.raises(DeviceNotFoundError, match="apt-get install umockdev"):
@@ -317,11 +264,3 @@ def test_a_strange_program_holds_up_no_device(
             program.sendall(struct.pack("@LLL", 1, 0, 0))
             serve(0.05)
             assert struct.unpack("@LLL", program.recv(24))[0] == 3, "its ioctl is answered"
-
-
-def test_addresses_are_assigned_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the kernel does: the lowest follows 127, and addresses in use are skipped."""
-    machines = [Emulator() for _ in range(2)]
-    with MockUsb(machines) as bed:
-        assert sorted(path.name for path in (bed.root / "dev/bus/usb/001").iterdir()) == ["002", "003"]
-        assert [bed.new_address() for _ in range(126)] == [*range(4, 128), 4, 5]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from unittest.mock import Mock
@@ -11,19 +9,17 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from phasewire import Emulator
-from phasewire.base.errors import DeviceError
 from phasewire.emulator.firmware import loader
 from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.emulator.scheduler import Scheduler
-from phasewire.protocol.blocks import Update
-from phasewire.protocol.codes import DfuState, DfuStatus, Fault, Request, Target
+from phasewire.protocol.codes import DfuState, DfuStatus, Fault, Target
 from phasewire.protocol.dfu import DfuReply
 from phasewire.protocol.firmware import Image, Segment, build, split_suffix
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.versions import Version
 
-from tests.emulator.hosts import FULL, Device
+from tests.emulator.hosts import Device
 
 OUT, IN = 0x21, 0xA1
 BLOCK = 2048
@@ -123,29 +119,6 @@ def device() -> Iterator[Upgraded]:
         yield Upgraded(emulator)
 
 
-# Without new firmware
-
-
-def test_a_device_without_power_is_not_on_the_bus(device: Upgraded) -> None:
-    device.order(Request.ENABLE)
-    device.send(Update(FULL))
-    device.run(10)
-    device.emulator.power_down()
-    assert (device.usb.attached, device.emulator.line, device.emulator.controller) == (False, None, None)
-    device.run_ms(1000)
-    with pytest.raises(ValueError, match="has no power"):
-        device.emulator.run(1)
-    with pytest.raises(DeviceError, match="has no power"):
-        device.emulator.run_until_started()
-    device.emulator.power_up()
-    device.emulator.run_until_started()
-    assert device.usb.attached
-    device.run(100)
-    assert device.high_periods() == set()
-    (before,) = device.emulator.past
-    assert before.bits(0, before.end_tick).any()
-
-
 # Kept in a file
 
 
@@ -174,20 +147,6 @@ def test_a_flash_in_a_file_is_what_a_power_cut_would_leave(tmp_path: Path) -> No
         device.configure()
         device.run_ms(20)
         assert Flash.load(path).read(0, FLASH_BYTES) == emulator.flash.read(0, FLASH_BYTES)
-
-
-def test_a_device_that_is_killed_after_an_upgrade_has_it(tmp_path: Path) -> None:
-    path = tmp_path / "flash.bin"
-    script = (
-        "import os, sys; from pathlib import Path; from phasewire import Emulator; "
-        "from phasewire.emulator.firmware.loader import keep; from tests.emulator.test_upgrade import IMAGE, Upgraded; "
-        "emulator = Emulator().__enter__(); keep(emulator.flash, Path(sys.argv[1]), print); "
-        "device = Upgraded(emulator); device.enter_dfu_mode(); device.send_image(IMAGE); os.kill(os.getpid(), 9)"
-    )
-    root = Path(__file__).parents[2]
-    ended = subprocess.run([sys.executable, "-c", script, path], cwd=root, stderr=subprocess.PIPE, check=False)
-    assert (ended.returncode, ended.stderr) == (-9, b"")
-    assert kept(path) == NEW
 
 
 def test_a_full_disk_is_reported_and_the_device_goes_on(tmp_path: Path) -> None:

@@ -90,19 +90,6 @@ def test_a_transfer_is_cut_into_packets(bench: Bench, size: int, zero_packet: bo
     assert transfer.sent == size
 
 
-@pytest.mark.parametrize("zero_packet", [False, True])
-@pytest.mark.parametrize(("size", "streams"), [(5120, 3), (5120, 5), (5121, 3), (512 * 200, 10**6)])
-def test_a_stream_has_the_effect_of_its_packets(size: int, streams: int, zero_packet: bool) -> None:
-    ends = []
-    for at_once in (0, streams):
-        bench = Bench()
-        bench.device.streams = (bench.scheduler, at_once)
-        transfer = bench.out(bytes(each % 251 for each in range(size)), zero_packet=zero_packet)
-        ends.append((bench.run(), bench.bus.last_word, bench.device.taken, bench.outcomes, transfer.sent))
-    assert ends[0] == ends[1]
-    assert ends[0][3:] == ([TransferOutcome.DONE], size)
-
-
 @given(st.lists(st.tuples(st.sampled_from([0, 1, 512, 1024, 1536, 1600, 20_480]), st.booleans()), max_size=12))
 def test_transfers_that_are_sent_together_are_the_same_as_one_by_one(sizes: list[tuple[int, bool]]) -> None:
     ends = []
@@ -139,21 +126,6 @@ def test_a_short_packet_or_a_full_buffer_ends_a_transfer_in(
     bench.run()
     assert bench.outcomes == [outcome]
     assert len(transfer.received) == received
-
-
-def test_a_short_packet_can_be_an_error(bench: Bench) -> None:
-    bench.device.give(0x81, bytes(64), bytes(512))
-    bench.into(512, short_not_ok=True)
-    bench.into(512, short_not_ok=True)
-    bench.run()
-    assert bench.outcomes == [TransferOutcome.SHORT, TransferOutcome.DONE]
-
-
-def test_a_full_packet_of_the_interrupt_endpoint_has_sixteen_bytes(bench: Bench) -> None:
-    bench.device.give(0x82, bytes(16), bytes(10))
-    transfer = bench.into(64, 0x82)
-    bench.run()
-    assert len(transfer.received) == 26
 
 
 def test_transfers_of_an_endpoint_keep_their_order_and_endpoints_take_turns(bench: Bench) -> None:
@@ -211,25 +183,6 @@ def test_a_pending_transfer_in_is_neither_pressing_nor_stuck(bench: Bench) -> No
     assert bench.bus.last_word == 3 * PACKET + MICROFRAME
 
 
-def test_a_transfer_submitted_late_waits_for_its_packet_only(bench: Bench) -> None:
-    bench.into(512)
-    bench.run()
-    bench.scheduler.run_until(5_000_000)
-    bench.out(bytes(512))
-    bench.run()
-    assert bench.scheduler.now == 5_000_000 + 2 * PACKET  # the second is the next try of the transfer in
-    assert len(bench.device.taken) == 1
-
-
-def test_a_halted_endpoint_stalls_and_others_go_on(bench: Bench) -> None:
-    bench.device.halted = {0x01, 0x81}
-    bench.out(bytes(512))
-    bench.into(512)
-    bench.out(b"help\r", 0x03)
-    bench.run()
-    assert sorted(bench.outcomes) == [TransferOutcome.STALLED, TransferOutcome.STALLED, TransferOutcome.DONE]
-
-
 def test_requests_take_a_microframe_each_and_go_first(bench: Bench) -> None:
     bench.out(bytes(512))
     device = bench.request(Setup(0x80, 6, 0x0100, 0, 18))
@@ -269,17 +222,6 @@ def test_a_request_may_not_go_both_ways(bench: Bench) -> None:
     bench.bus.submit(wrong)
     bench.run()
     assert (bench.outcomes, bench.device.requests) == ([TransferOutcome.MALFORMED], [])
-
-
-def test_a_cancelled_transfer_is_over(bench: Bench) -> None:
-    first, second = bench.into(512), bench.into(512)
-    bench.bus.cancel(first)
-    bench.device.give(0x81, bytes(32))
-    bench.run()
-    assert bench.ended == [(second, TransferOutcome.DONE)]
-    third = bench.into(512)
-    bench.bus.cancel(third)
-    assert bench.bus.next_time(0) is None
 
 
 def test_a_full_speed_bus_carries_nineteen_small_packets_in_a_frame() -> None:

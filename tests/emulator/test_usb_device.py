@@ -7,7 +7,7 @@ from phasewire.emulator.door import Handshake, Stall
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 from phasewire.protocol.requests import Setup
 
-from tests.emulator.usb_bench import SET_CONFIGURATION, Bench, configured
+from tests.emulator.usb_bench import Bench, configured
 
 GET_DEVICE = Setup(0x80, 6, 0x0100, 0, 18)
 DETACH = Setup(0x21, 0, 1000, 3, 0)
@@ -34,14 +34,6 @@ def test_a_standard_request_with_wrong_fields_stalls(bench: Bench, setup: Setup)
 
 
 # Standard requests
-
-
-def test_the_address_is_kept_until_a_reset() -> None:
-    usb = configured().usb
-    usb.control(Setup(0x00, 5, 127, 0, 0))
-    assert usb.address == 127
-    usb.reset()
-    assert (usb.address, usb.configuration) == (0, 0)
 
 
 @pytest.mark.parametrize("speed", [HIGH_SPEED, FULL_SPEED])
@@ -92,33 +84,7 @@ def test_it_attaches_with_voltage_and_firmware_only() -> None:
     assert (usb.attached, usb.generation) == (True, 3)
 
 
-# Suspend, resume, unplug
-
-
-def test_loss_of_voltage_or_a_reset_ends_a_suspension(bench: Bench) -> None:
-    bench.usb.suspend()
-    bench.usb.unplug()
-    bench.usb.plug()
-    assert not bench.usb.suspended
-    assert bench.controller.told[-1] == "resume"
-    bench.usb.control(SET_CONFIGURATION)
-    bench.usb.suspend()
-    bench.usb.reset()
-    assert not bench.usb.suspended
-    assert bench.controller.told[-3:] == ["suspend", "resume", "new session"]
-
-
 # To DFU mode and back
-
-
-def test_detach_stalls_if_the_state_forbids_it(bench: Bench) -> None:
-    """Clause STA-005."""
-    bench.controller.can_detach = False
-    assert stalls(bench, DETACH)
-    with pytest.raises(Stall, match="cannot be detached in this state"):
-        bench.usb.detach(bench.door)
-    bench.run_ms(2000)
-    assert (bench.usb.generation, bench.usb.control(GETSTATE)) == (1, bytes(1))
 
 
 def test_the_console_detaches_as_the_request_does(bench: Bench) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
-from phasewire.emulator.control.requests import QUEUE_RECORDS
 from phasewire.emulator.door import Handshake
-from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
+from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED
 from phasewire.protocol.requests import Setup
 
 from tests.emulator.usb_bench import SET_CONFIGURATION, Bench, ack, configured, status
@@ -15,31 +13,6 @@ SPEEDS = {HIGH_SPEED: 512, FULL_SPEED: 64}
 
 def dtr(high: bool) -> Setup:
     return Setup(0x21, 0x22, 2 | high, 1, 0)  # RTS is ignored
-
-
-# Blocks
-
-
-def test_a_part_of_a_block_waits_for_the_rest() -> None:
-    bench = configured(FULL_SPEED)
-    for n in range(7):
-        bench.usb.bulk_out(0x01, bytes([n]) * 64)
-    assert bench.usb.bulk_in(0x81) is Handshake.NAK
-    bench.usb.bulk_out(0x01, bytes([7]) * 64)
-    assert bench.controller.blocks == [b"".join(bytes([n]) * 64 for n in range(8))]
-    assert bench.usb.bulk_in(0x81) == ack(0)
-
-
-def test_no_block_is_taken_while_the_record_buffer_is_full() -> None:
-    """Clause ACK-001; an unsolicited record is additional to those (clause ACK-006)."""
-    bench = configured()
-    bench.door.notify(status(0))
-    for _ in range(QUEUE_RECORDS):
-        assert bench.usb.bulk_out(0x01, bytes(512)) is Handshake.ACK
-    bench.door.notify(status(1))
-    assert bench.usb.bulk_out(0x01, bytes(512)) is Handshake.NAK
-    bench.usb.bulk_in(0x81)
-    assert bench.usb.bulk_out(0x01, bytes(512)) is Handshake.ACK
 
 
 # Records
@@ -73,32 +46,6 @@ EVENTS = {
 }
 
 
-@pytest.mark.parametrize("event", EVENTS.values(), ids=EVENTS)
-def test_a_part_of_a_block_is_forgotten(event: Setup) -> None:
-    """Clause USB-026; only at full speed can a part arrive."""
-    bench = configured(FULL_SPEED)
-    bench.usb.bulk_out(0x01, bytes(64))
-    bench.usb.control(event)
-    for _ in range(8):
-        bench.usb.bulk_out(0x01, b"\x55" * 64)
-    assert bench.controller.blocks == [b"\x55" * 512]
-
-
-def test_the_controller_is_notified_of_sessions_and_hosts() -> None:
-    """Clauses STA-002 and FWU-020."""
-    bench = Bench()
-    assert bench.controller.told == []
-    bench.usb.control(SET_CONFIGURATION)
-    assert bench.controller.told == ["new session", "host arrived"]
-    bench.usb.control(Setup(0x00, 9, 0, 0, 0))
-    assert bench.controller.told == ["new session", "host arrived", "new session"]
-    bench.usb.control(SET_CONFIGURATION)
-    bench.controller.told.clear()
-    bench.usb.control(Setup(0x01, 11, 0, 0, 0))
-    bench.usb.reset()
-    assert bench.controller.told == ["new session", "new session"]
-
-
 def test_a_new_session_owes_no_empty_packet() -> None:
     bench = configured(FULL_SPEED)
     for n in range(2):
@@ -130,14 +77,6 @@ def test_bytes_of_the_console_pass_both_ways() -> None:
     assert bench.usb.bulk_in(0x83) == b"ok\r\n"
     assert bench.usb.bulk_in(0x82) is bench.usb.bulk_in(0x83) is Handshake.NAK
     assert bench.controller.blocks == []
-
-
-@pytest.mark.parametrize(("speed", "size"), SPEEDS.items())
-def test_text_that_fills_its_last_packet_is_followed_by_an_empty_one(speed: Speed, size: int) -> None:
-    """USB 2.0, 5.8.3: a host that reads more at once waits for a short packet."""
-    bench = configured(speed)
-    bench.line.output.extend(bytes(2 * size))
-    assert [bench.usb.bulk_in(0x83) for _ in range(4)] == [bytes(size), bytes(size), b"", Handshake.NAK]
 
 
 def test_a_line_that_was_hung_up_owes_no_empty_packet() -> None:

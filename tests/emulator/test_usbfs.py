@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import errno
 import struct
-from functools import partial
 
 import pytest
 from phasewire import Emulator
-from phasewire.emulator.door import Handshake, Stall
+from phasewire.emulator.door import Stall
 from phasewire.emulator.doors.usbdevice_fs import Ioctl
 from phasewire.emulator.doors.usbfs import KernelDevice
 from phasewire.protocol.enumeration import FULL_SPEED
@@ -129,22 +128,6 @@ def test_numbers_are_those_of_the_header() -> None:
     }
 
 
-def test_a_device_is_enumerated(machine: Emulator, device: KernelDevice) -> None:
-    assert machine.usb.address == 7
-    assert machine.usb.configuration == 1
-    assert (device.descriptor.idVendor, device.descriptor.idProduct) == (0x1209, 0x0001)
-    assert len(device.configuration) == 116
-    assert device.strings[3] == "K-1"
-    assert {address: interface for address, (interface, _) in device.endpoints.items()} == {
-        0x01: 0,
-        0x81: 0,
-        0x82: 1,
-        0x03: 2,
-        0x83: 2,
-    }
-    assert machine.scheduler.now > 50 * MS  # a reset alone takes as long
-
-
 def test_a_control_transfer_is_reaped_when_it_has_ended(program: Program) -> None:
     address = program.submit(CONTROL, 0x00, GET_DEVICE_DESCRIPTOR + bytes(18))
     assert program.call(Ioctl.REAPURBNDELAY, bytes(8)) == -errno.EAGAIN
@@ -153,18 +136,6 @@ def test_a_control_transfer_is_reaped_when_it_has_ended(program: Program) -> Non
     assert program.reap() == (address, 0, Emulator().usb.enumeration.device.encode())
     assert not program.file.writable
     assert program.changes == [True, False]
-
-
-def test_a_transfer_waits_for_the_device_s_answer(program: Program) -> None:
-    """The device answers NAK until it has something to say: the refusal of a block of zeros, 32 bytes."""
-    incoming = program.submit(BULK, 0x81, bytes(512))
-    program.wait(100 * MS)
-    assert not program.file.writable
-    outgoing = program.submit(BULK, 0x01, bytes(512))
-    program.wait()
-    assert program.reap() == (outgoing, 0, bytes(512))
-    address, status, record = program.reap()
-    assert (address, status, len(record), record[:2]) == (incoming, 0, 32, b"PA")
 
 
 def test_a_call_can_wait_for_a_transfer(program: Program) -> None:
@@ -196,26 +167,6 @@ def test_the_limit_of_submitted_bytes(program: Program, room: int, flags: int, s
     program.reap()
     _, ended, data = program.reap()
     assert (ended, len(data)) == (status, received)
-
-
-@pytest.mark.parametrize(
-    ("size", "flags", "packets"),
-    [(0, 0, [0]), (512, 0, [512]), (512, ZERO_PACKET, [512, 0]), (1100, ZERO_PACKET, [512, 512, 76])],
-)
-def test_transfers_are_cut_into_packets(
-    machine: Emulator, program: Program, monkeypatch: pytest.MonkeyPatch, size: int, flags: int, packets: list[int]
-) -> None:
-    seen = []
-
-    def take(endpoint: int, packet: bytes) -> Handshake:
-        seen.append(len(packet))
-        return Handshake.ACK
-
-    monkeypatch.setattr(machine.usb, "bulk_out", take)
-    program.submit(BULK, 0x01, bytes(size), flags)
-    program.wait()
-    assert seen == packets
-    assert len(program.reap()[2]) == size
 
 
 def test_a_stall_is_reported(program: Program) -> None:
@@ -441,20 +392,6 @@ def test_a_program_s_end_releases_everything(machine: Emulator, device: KernelDe
     assert other.reap()[:2] == (incoming, 0)  # no other program got the answer
     assert (program.results, program.changes) == (results, [])
     device.disconnect()
-
-
-def test_time_passes_without_transfers(machine: Emulator, device: KernelDevice) -> None:
-    before = machine.scheduler.now
-    device.run_until(before + MS)
-    assert machine.scheduler.now == before + MS
-    seen: list[int] = []
-    machine.scheduler.at(before + 2 * MS, partial(seen.append, 1))
-    assert device.next_time() == before + 2 * MS
-    device.run_until(before + 3 * MS)
-    assert seen == [1]
-    assert device.next_time() == machine.scheduler.next_time()
-    device.run_until(before)  # in the past
-    assert machine.scheduler.now == before + 3 * MS
 
 
 def test_a_device_that_goes_while_it_is_enumerated(machine: Emulator) -> None:

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from phasewire.emulator.doors.station import Pace, Station
 from phasewire.emulator.doors.usbip_session import Exported, UsbIpSession
 from phasewire.emulator.scheduler import Scheduler
-from phasewire.protocol.enumeration import HIGH_SPEED, run_time
 from phasewire.protocol.requests import Setup
 
 from tests.emulator.stand_ins import StandInDevice
@@ -68,22 +67,6 @@ class Desk:
 @pytest.fixture
 def desk() -> Desk:
     return Desk()
-
-
-def test_devices_are_listed_and_the_connection_ends() -> None:
-    client, session = Desk().client()
-    listed = client.list()
-    assert [(each.bus_id, each.bus, each.number) for each in listed] == [("1-1", 1, 1), ("1-2", 1, 2)]
-    assert {(each.vendor, each.product, each.speed) for each in listed} == {(0x1209, 1, 3)}
-    assert listed[0].interfaces[0] == bytes.fromhex("FF500100")
-    assert (session.over, session.end) == (True, "")
-
-
-def test_a_device_is_attached_and_enumerated(desk: Desk) -> None:
-    client, _ = desk.attached()
-    assert client.enumerate() == desk.device.enumeration.configuration
-    assert desk.device.configuration == 1
-    assert client.request(0xC1, 99, length=4).status == -32  # EPIPE
 
 
 def test_packets_go_both_ways(desk: Desk) -> None:
@@ -183,41 +166,6 @@ def test_a_cancelled_transfer_loses_no_received_bytes(desk: Desk) -> None:
     assert client.answer()[:3] == (4, unlink, 0)
 
 
-def test_a_transfer_that_gets_nak_waits_for_the_clock(desk: Desk) -> None:
-    client, session = desk.attached()
-    client.write(0x01, b"something")
-    desk.device.room = 0
-    for time in (2_000_000, 20_000_000):
-        desk.scheduler.at(time, lambda: setattr(desk.device, "room", 1))
-    assert client.write(0x01, bytes(512)).status == 0  # soon
-    assert desk.scheduler.now < 3_000_000
-    number = client.submit(0x01, 512, bytes(512))
-    desk.run(session)
-    assert desk.scheduler.now < 3_000_000
-    assert desk.stations[0].seconds_to_wait() == 0.01
-    for _ in range(5):
-        assert session.pending == 0
-        desk.clock += 0.01
-        desk.run(session)
-    assert client.wait_for(number).status == 0
-    assert desk.scheduler.now == pytest.approx(20_000_000, rel=0.01)
-    assert desk.stations[0].seconds_to_wait() is None
-
-
-def test_at_the_fast_pace_the_device_comes_to_rest_after_each_message(desk: Desk) -> None:
-    client, session = desk.attached()
-    listens = client.submit(0x81, 512)
-    desk.scheduler.at(3_000_000, lambda: desk.device.give(0x81, b"soon"))
-    desk.scheduler.at(30_000_000, lambda: desk.device.give(0x81, b"late"))
-    desk.run(session)
-    assert desk.scheduler.now < 10_000  # the device does not wait for a transfer in alone
-    client.write(0x01, b"anything")
-    assert client.wait_for(listens).data == b"soon"
-    client.submit(0x81, 512)
-    desk.run(session)
-    assert desk.scheduler.now < 13_000_000
-
-
 def test_a_bus_reset_is_inferred_when_a_host_begins_to_enumerate(desk: Desk) -> None:
     client, _ = desk.attached()
     client.enumerate()
@@ -272,29 +220,6 @@ def test_a_device_that_leaves_the_bus_over_a_request_still_answers_it(desk: Desk
     assert session.over
 
 
-@pytest.mark.parametrize("delay", [0, 8_000_000])
-def test_a_device_that_leaves_for_a_reset_answers_the_second_look_when_it_is_back(desk: Desk, delay: int) -> None:
-    """A host compares the descriptor with the one before, and enumerates the device anew."""
-    client, session = desk.attached()
-    client.enumerate()
-    before = client.descriptor(1, 64)
-    after = run_time((9, 9, 9), "stand-in", "S-1", HIGH_SPEED)
-
-    def come_back() -> None:
-        desk.device.attached = True
-
-    def leave() -> None:
-        desk.device.enumeration = after
-        desk.device.generation += 1
-        desk.device.attached = not delay
-        desk.scheduler.at(desk.scheduler.now + delay, come_back)
-
-    desk.device.reset = leave  # type: ignore[method-assign]  # made to leave
-    assert client.descriptor(1, 18) == after.find(1, 0, 0) != before
-    assert not session.over
-    assert client.write(0x01, bytes(8)).status == 0
-
-
 def test_a_device_that_does_not_come_back_from_a_reset_ends_the_connection(desk: Desk) -> None:
     client, session = desk.attached()
     client.descriptor(1, 64)
@@ -303,24 +228,6 @@ def test_a_device_that_does_not_come_back_from_a_reset_ends_the_connection(desk:
     with pytest.raises(EOFError):
         client.answer()
     assert "did not attach" in session.end
-
-
-@pytest.mark.parametrize("delay", [0, 8_000_000])
-def test_a_client_waits_for_a_device_that_is_about_to_attach(desk: Desk, delay: int) -> None:
-    """What the client sends meanwhile is not lost."""
-    desk.device.attached = not delay
-    desk.scheduler.at(delay, lambda: setattr(desk.device, "attached", True))
-    client, session = desk.client()
-    sent: list[bytes] = []
-    deliver, client.send = client.send, sent.append
-    client.device_id = 1 << 16 | 1
-    number = client.submit(0x80, 18, setup=SECOND_LOOK)
-    deliver(struct.pack(">HHI32s", 0x0111, 0x8003, 0, b"1-1") + sent[0])
-    assert session.full == bool(delay)
-    desk.run(session)
-    assert desk.scheduler.now == delay + 50_000  # and a microframe
-    assert client.receive(320)[:8] == bytes.fromhex("01110003 00000000")
-    assert client.wait_for(number).length == 18
 
 
 def test_a_client_does_not_wait_long_for_a_device(desk: Desk) -> None:
@@ -401,16 +308,6 @@ def test_a_client_that_does_not_read_gets_nothing_more(desk: Desk) -> None:
     assert session.next_time(None) is None
     assert 0 <= 8192 - 2048 - len(desk.device.given[0x81]) < 104, "no more than a bus carries in a millisecond"
     assert len(client.answer().data) == 1 << 20
-
-
-@settings(max_examples=50, deadline=None)
-@given(st.lists(st.binary(max_size=120), max_size=4))
-def test_no_bytes_of_a_client_raise_anything(chunks: list[bytes]) -> None:
-    desk = Desk()
-    _, session = desk.attached()
-    for chunk in chunks:
-        session.receive(chunk)
-        desk.run(session)
 
 
 FIELDS = st.tuples(

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
-from phasewire import ControlPoints, Medium, Transducer, TransducerArray, solve
+from phasewire import Medium, Transducer, TransducerArray
 from phasewire.feel.power import absorbed_share, full_power, power_over_time, radiated_power, warming
-from phasewire.solver.acoustics.models import directivity
 from phasewire.solver.fields.quantities import air_density
 from phasewire.solver.fields.validity import aperture_radius
 
@@ -26,25 +25,6 @@ def test_a_piston_radiates_what_its_radiation_resistance_says(radius: float, mod
     speed = 2 * 5.73 / (RHO_C * MEDIUM.wavenumber * radius**2)
     expected = speed**2 / 2 * RHO_C * math.pi * radius**2 * (1 - scipy.special.j1(2 * ka) / ka)
     assert full_power(Transducer(radius=radius, model=model), MEDIUM) == pytest.approx(expected, rel=1e-3)
-
-
-def test_a_monopole_radiates_into_the_half_space_alike() -> None:
-    assert full_power(Transducer(model="monopole")) == pytest.approx(math.pi * 5.73**2 / RHO_C, rel=1e-6)
-
-
-def test_the_power_of_a_focus_is_that_of_its_far_field() -> None:
-    array = TransducerArray.grid(8, 8)
-    drive = solve(array, ControlPoints([[0.01, 0, 0.1]])).drive
-    cosine, weights = np.polynomial.legendre.leggauss(60)
-    cosine, weights = (cosine + 1) / 2, weights / 2
-    sine, turn = np.sqrt(1 - cosine**2), np.linspace(0, 2 * np.pi, 120, endpoint=False)
-    ways = np.stack([np.multiply.outer(sine, np.cos(turn)), np.multiply.outer(sine, np.sin(turn))], axis=-1)
-    field = np.exp(-1j * MEDIUM.wavenumber * ways @ array.positions[:, :2].T) @ drive
-    strength = 5.73 * directivity(sine, 4.5e-3, MEDIUM)[:, None] * np.abs(field)
-    expected = np.sum(strength**2 * weights[:, None]) * 2 * np.pi / len(turn) / (2 * RHO_C)
-    found = power_over_time(array, [drive, 0.5 * drive])
-    assert found[0] == pytest.approx(expected, rel=0.05)  # the work on each other's waves is left out
-    assert found[1] == pytest.approx(found[0] / 4, rel=1e-5)
 
 
 def test_power_is_that_of_the_calibrated_transducers() -> None:
@@ -84,8 +64,3 @@ def test_warming_is_diffusion() -> None:
     surface = depth[0] + flux / 0.37 * cell / 2  # from the first cell's middle
     assert warming(2000, 3.0) == pytest.approx(surface, rel=0.01)
     assert warming(2000, 12.0) == pytest.approx(2 * warming(2000, 3.0))
-
-
-def test_waves_of_another_array_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"waves have the shape \(3, 4\); \(t, 320\) is needed"):
-        power_over_time(TransducerArray.grid(), np.ones((3, 4)))

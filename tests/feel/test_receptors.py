@@ -26,14 +26,6 @@ def test_thresholds_are_those_of_the_table() -> None:
             assert decibels(float(channel.threshold(frequency))) == pytest.approx(level)
 
 
-def test_pacinian_threshold_falls_by_12_db_per_octave_to_its_minimum_at_250_hz() -> None:
-    """Verrillo 1963, Bolanowski 1988."""
-    octave = P.threshold([50.0, 100.0, 200.0])
-    np.testing.assert_allclose(20 * np.log10(octave[:-1] / octave[1:]), 12, atol=1.5)
-    frequencies = np.geomspace(10, 800, 500)
-    assert 250 <= frequencies[P.threshold(frequencies).argmin()] <= 300
-
-
 @pytest.mark.parametrize(
     ("frequency", "lowest"), [(1.0, NP_III), (10.0, NP_I), (30.0, NP_I), (63.0, P), (125.0, P), (250.0, P)]
 )

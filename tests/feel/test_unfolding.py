@@ -40,18 +40,6 @@ def test_places_lie_within_the_quadrilaterals_and_a_grid_step_apart(hand: Hand) 
     assert np.median(steps) == pytest.approx(unfolded.spacing, rel=0.01)
 
 
-def test_the_palm_has_its_whole_area_and_a_thumb_what_lies_beside_it() -> None:
-    unfolded = Unfolded.of(Hand.flat(), 1.5e-3)
-    x, y = unfolded.hand.quads[0, :, :2].T
-    area = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
-    assert (unfolded.quads == 0).sum() * unfolded.spacing**2 == pytest.approx(area, rel=0.02)
-
-
-def test_skin_looks_out_of_the_palm() -> None:
-    for side in ("left", "right"):
-        np.testing.assert_allclose(Unfolded.of(Hand.flat(side=side)).normals[0], [0, 0, -1], atol=1e-12)
-
-
 def test_the_same_places_of_skin_move_with_the_hand() -> None:
     """A place on a finger stays as far from both ends of its bone."""
     open_one = Unfolded.of(Hand.flat())

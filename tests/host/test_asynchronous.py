@@ -11,11 +11,9 @@ from typing import Any, ParamSpec
 import numpy as np
 import pytest
 from phasewire import Device, Emulator, Pulses, open_device
-from phasewire.base.errors import DeviceNotFoundError, DeviceRefusedError
 from phasewire.emulator.faults import Unplugged
 from phasewire.host.streaming import asynchronous
 from phasewire.host.streaming.asynchronous import AsyncDevice, open_device_async
-from phasewire.host.streaming.envelopes import sine
 from phasewire.protocol.codes import State
 
 FULL = Pulses(np.full(320, 25), np.full(320, 25))
@@ -66,16 +64,6 @@ def test_opening_and_streaming_take_the_same_arguments_as_without_async(
 
 
 @awaited
-async def test_a_stream_passes_on_all_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
-    given: dict[str, object] = {}
-    monkeypatch.setattr(Device, "stream", lambda _, *frames_and_rate, **options: given.update(options))
-    options = {"look_ahead": 0.5, "envelope": sine(200), "reconnect": True, "on_progress": print}
-    async with await open_device_async("emulator:") as device:
-        await device.stream([FULL], 100, **options)  # type: ignore[arg-type]
-    assert given == options
-
-
-@awaited
 async def test_awaited_results_are_those_of_the_device(emulator: Emulator) -> None:
     async with await open_device_async(emulator.url) as device:
         ack = await device.show(FULL)
@@ -101,17 +89,6 @@ async def test_a_device_is_opened_by_async_with_alone_or_by_await(emulator: Emul
     assert not emulator.running.status().enabled
     async with await asyncio.create_task(open_device_async(emulator.url)) as device:
         assert device.serial == emulator.serial
-
-
-@awaited
-async def test_errors_come_through() -> None:
-    with pytest.raises(DeviceNotFoundError):
-        await open_device_async("nonsense:")
-    async with await open_device_async("emulator:") as device:
-        with pytest.raises(ValueError, match="board"):
-            await device.identify(7)
-        with pytest.raises(DeviceRefusedError):
-            await device.play([(3, 10)])
 
 
 @awaited

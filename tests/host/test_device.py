@@ -75,36 +75,10 @@ def test_a_solution_for_another_array_is_warned_of_once(emulator: Emulator) -> N
     ]
 
 
-def test_a_drive_is_corrected_by_the_calibration(emulator: Emulator) -> None:
-    """A dead transducer stays silent, a reversed one is driven the other way round; pulses pass as they are."""
-    polarity, dead = np.ones(320), np.zeros(320, bool)
-    polarity[5], dead[9] = -1, True
-    calibration = Calibration(np.ones(320), np.zeros(320), polarity, dead)
-    with open_device(emulator.url, calibration=calibration) as device:
-        ack = device.show(np.full(320, 1j))
-        emulator.run_until(ack.commit_period + 2)
-        drive = emulator.capture().drive(ack.commit_period)
-        wanted = np.full(320, 1j)
-        wanted[5], wanted[9] = -1j, 0
-        assert drive == pytest.approx(wanted, abs=1e-6)
-        device.show(FULL)
-        assert sounding(emulator) == 320
-
-
 def test_a_calibration_of_another_array_is_refused(emulator: Emulator) -> None:
     with pytest.raises(ValueError, match="the calibration is for 12 transducers, the device has 320"):
         open_device(emulator.url, calibration=Calibration.perfect(12))
     assert not Port.of(emulator.usb).claims
-
-
-def test_the_wrong_number_of_pulses_sends_nothing(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        before = device.status()
-        with pytest.raises(ValueError, match="12 pulses for a device with 320 transducers"):
-            device.show(Pulses.silent(12))
-        after = device.status()
-        assert not after.enabled
-        assert (after.accepted, after.refused) == (before.accepted, 0)
 
 
 # Stored frames
@@ -122,39 +96,6 @@ def test_steps_that_need_the_whole_store_are_refused_while_others_play(emulator:
         emulator.run(7)
         begins = device.play([(0, 1)] * 1024).commit_period
         assert widths(emulator, begins, 10) == [5] * 10
-
-
-@pytest.mark.parametrize(
-    ("steps", "options"),
-    [
-        ([], {}),
-        ([(0, 1)] * 1025, {}),
-        ([(256, 1)], {}),
-        ([(0, 0)], {}),
-        ([(0, 2**16)], {}),
-        ([(-1, 1)], {}),
-        ([(0, 1)], {"repeats": 2**16}),
-        ([(0, 1)], {"period": -1}),
-    ],
-)
-def test_steps_out_of_range_send_nothing(
-    emulator: Emulator, steps: list[tuple[int, int]], options: dict[str, int]
-) -> None:
-    with open_device(emulator.url) as device:
-        device.store(0, FULL)
-        before = device.status().accepted
-        with pytest.raises(ValueError, match=r"a whole number from 0|a whole number from 1"):
-            device.play(steps, **options)  # type: ignore[arg-type]  # one of several options
-        assert (device.status().accepted, device.status().enabled) == (before, False)
-
-
-@pytest.mark.parametrize("slot", [-1, 256])
-def test_a_slot_out_of_range_sends_nothing(emulator: Emulator, slot: int) -> None:
-    with open_device(emulator.url) as device:
-        before = device.status().accepted
-        with pytest.raises(ValueError, match="slot"):
-            device.store(slot, FULL)
-        assert device.status().accepted == before
 
 
 # Modulation
@@ -192,14 +133,6 @@ def test_the_wiring_table_can_be_read(scrambled: Wiring) -> None:
         assert device.wiring().channels.tolist() == scrambled.channels.tolist()
 
 
-def test_a_board_is_identified_by_its_light(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        device.identify(4)
-        assert any("board 4" in event.what for event in emulator.events)
-        with pytest.raises(ValueError, match="board"):
-            device.identify(5)
-
-
 # Switches and limits
 
 
@@ -232,24 +165,6 @@ def test_what_plays_is_kept_playing(emulator: Emulator) -> None:
         emulator.run(5000)
         with pytest.raises(DeviceRefusedError, match=r"heard nothing for 0\.1 s"):
             device.keep_playing(0.5)
-
-
-def test_the_drive_limit(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        device.set_drive_limit(100)
-        with pytest.raises(DeviceRefusedError) as refused:
-            device.show(FULL)
-        assert refused.value.reason is Reason.DRIVE
-        device.show(wide(5))
-        assert sounding(emulator) == 320
-        with pytest.raises(DeviceStalledError, match="LIMIT"):
-            device.set_drive_limit(320)
-        device.stop()
-        device.set_drive_limit(320)
-        device.show(FULL)
-        assert sounding(emulator) == 320
-        with pytest.raises(ValueError, match="drive limit"):
-            device.set_drive_limit(321)
 
 
 def test_a_fault_is_named_and_cleared(emulator: Emulator) -> None:

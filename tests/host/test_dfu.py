@@ -10,13 +10,12 @@ from phasewire import Emulator
 from phasewire.base.errors import DeviceError, DeviceRefusedError, DeviceStalledError, DeviceTimeoutError
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.firmware.flash import FlashTimes
-from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.host.firmware.dfu import DfuLine, detach
 from phasewire.host.transports.usb_find import DFU_MODE, RUN_TIME, UsbFinder
-from phasewire.protocol.codes import DfuRequest, DfuState, DfuStatus, ImageReason
+from phasewire.protocol.codes import DfuState, DfuStatus, ImageReason
 from phasewire.protocol.dfu import DfuReply
 
-from tests.host.upgrades import BLOCK, BLOCKS, NEW, STORED, in_dfu_mode
+from tests.host.upgrades import BLOCK, BLOCKS, NEW, STORED
 
 assert BLOCKS == 5
 assert len(STORED) % BLOCK
@@ -82,18 +81,6 @@ def test_a_slow_flash_is_waited_for(line: DfuLine, emulator: Emulator) -> None:
     assert line.holds(STORED)
 
 
-def test_what_is_uploaded_is_what_boots_next(line: DfuLine) -> None:
-    factory = FACTORY_IMAGE.encode()
-    assert b"".join(line.upload()) == factory
-    line.make_idle()
-    assert line.holds(factory)
-    line.download(STORED)
-    assert not line.holds(factory)
-    same: list[int] = []
-    assert line.holds(STORED, same.append)
-    assert same == [2048, 4096, 6144, 8192, len(STORED)]
-
-
 @pytest.mark.parametrize("at", [0, 2047, 2048, 5000, len(STORED) - 1])
 def test_an_image_that_differs_anywhere_is_another(line: DfuLine, at: int) -> None:
     line.download(STORED)
@@ -112,14 +99,6 @@ def test_an_image_of_whole_blocks_ends_with_an_empty_one(line: DfuLine) -> None:
     line.download(whole)
     assert line.holds(whole)
     assert [len(block) for block in line.upload()] == [BLOCK, BLOCK, 0]
-
-
-def test_it_boots_by_a_bus_reset(line: DfuLine, emulator: Emulator) -> None:
-    line.download(STORED)
-    line.boot()
-    emulator.run_until_started()
-    assert emulator.running.info().firmware == NEW.version
-    line.boot()  # the device is gone, and nothing is left to do
 
 
 def test_a_refusal_has_the_device_s_words(line: DfuLine, emulator: Emulator) -> None:
@@ -189,25 +168,3 @@ def test_a_device_that_does_not_keep_to_it_is_given_up(
     assert type(raised.value) is error
     assert emulator.scheduler.now - began < 21 * 400_000_000
     assert len(requests.seen) < 400
-
-
-def test_a_block_out_of_turn_is_an_error(line: DfuLine, emulator: Emulator) -> None:
-    """Another program speaks to the device meanwhile, and has aborted the download."""
-
-    def meddle(written: int) -> None:
-        if written == 2 * BLOCK:
-            line._order(DfuRequest.ABORT)
-
-    with pytest.raises(DeviceStalledError, match=r"\(ADDRESS\); does another program speak to it\?"):
-        line.download(STORED, meddle)
-    line.make_idle()
-    line.download(STORED)
-
-
-def test_detach_is_a_request_to_interface_3(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = UsbFinder(emulator.url).find()
-    requests = Requests(emulator, monkeypatch)
-    detach(seen)
-    assert (0x21, 0, 1000, 0) in [request[:4] for request in requests.seen]
-    emulator.scheduler.run_until(emulator.scheduler.now + 100 * 400_000)
-    assert in_dfu_mode(emulator)

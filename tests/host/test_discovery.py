@@ -6,7 +6,6 @@ from importlib.metadata import EntryPoint
 from typing import Any
 
 import pytest
-from phasewire import Emulator
 from phasewire.base.errors import DeviceNotFoundError
 from phasewire.host.finding import discovery
 from phasewire.host.finding.discovery import search
@@ -56,25 +55,8 @@ def test_one_line_that_fails_does_not_hide_the_others(lines: dict[str, str]) -> 
     assert failures == {"broken": "its own bus is on fire", "missing": "No module named 'nowhere'"}
 
 
-def test_an_error_without_words_is_named(lines: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    lines.update(own="works")
-    monkeypatch.setattr(WORKS, "find", lambda: (_ for _ in ()).throw(KeyError()), raising=False)
-    assert search().failures == {"own": "KeyError"}
-
-
 def test_only_some_lines_may_be_asked(lines: dict[str, str]) -> None:
     lines.update(broken="fails", own="works")
     assert search(["own"]) == ([HERE], {})
     with pytest.raises(DeviceNotFoundError, match="no transport 'usb'; known are broken, own"):
         search(["usb"])
-
-
-def test_an_emulator_that_is_plugged_in_is_found() -> None:
-    with Emulator(serial="FIND-ME"):
-        found = {each.serial: each for each in search(["emulator"]).found}
-    assert found["FIND-ME"].url == "emulator:FIND-ME"
-    assert "FIND-ME" not in {each.serial for each in search(["emulator"]).found}
-
-
-def test_finding_no_device_is_no_failure() -> None:
-    assert search(["usb", "emulator"]).failures == {}

@@ -6,7 +6,7 @@ import dataclasses
 import errno
 import itertools
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -28,14 +28,13 @@ from phasewire.host.finding.findings import CheckVerdict, Finding
 from phasewire.host.streaming.device import Device
 from phasewire.host.transports.transport import Found
 from phasewire.protocol.codes import Fault, Feature
-from phasewire.protocol.enumeration import DFU_PRODUCT_ID, FULL_SPEED, PRODUCT_ID, VENDOR_ID
+from phasewire.protocol.enumeration import FULL_SPEED
 from phasewire.protocol.replies import ClockReading, Info, ProcessorReport, ReadBack, Status
 
 from tests.host.buses import raising
 from tests.host.serving import Served
 
 OK, WARN, FAIL, SKIPPED = CheckVerdict.OK, CheckVerdict.WARN, CheckVerdict.FAIL, CheckVerdict.SKIPPED
-BACKEND = "phasewire.emulator.doors.backend.open_backend"
 GUIDE = Path(__file__).parents[2] / "docs" / "how-to/first-connection.md"
 
 
@@ -68,11 +67,6 @@ def test_a_device_that_is_well_passes_every_check(emulator: Emulator) -> None:
     assert findings["transducers"].verdict is SKIPPED
     assert "--play" in findings["transducers"].seen
     assert is_off(emulator)
-
-
-@pytest.mark.parametrize("url", ["emulator:", "emulator:?link=2wire"])
-def test_a_fresh_emulated_device_is_examined_too(url: str) -> None:
-    assert bad(found_by(url)) == {}
 
 
 def drives_by_latch(emulator: Emulator) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
@@ -217,19 +211,6 @@ def test_only_what_is_damaged_now_speaks_against_the_cable(
     assert ("another cable" in finding.advice) == (when == "meanwhile")
 
 
-UNSEEN: dict[str, InjectedFault] = {
-    "an output that no device sees": faults.StuckLow(processor=1, bit=3),
-    "a transducer that no device sees": faults.OpenTransducer(transducer=7),
-    "a reset that opening repeats": faults.BusReset(),
-}
-
-
-@pytest.mark.parametrize("fault", UNSEEN.values(), ids=UNSEEN)
-def test_an_invisible_fault_gives_no_finding(emulator: Emulator, fault: InjectedFault) -> None:
-    emulator.inject(fault)
-    assert bad(found_by(emulator.url)) == {}
-
-
 @pytest.mark.parametrize(
     ("fault", "missing"),
     [
@@ -285,33 +266,6 @@ def test_processors_with_different_firmware_are_found(emulator: Emulator, monkey
     findings = found_by(emulator.url)
     assert bad(findings) == {"chain": FAIL}
     assert findings["chain"].seen == "not all run 0.1.0: board 3 processor 1"
-
-
-def test_settings_of_an_earlier_host_are_found(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        device.set_watchdog(0.05)
-        device.set_drive_limit(10)
-    findings = found_by(emulator.url)
-    assert bad(findings) == {"settings": WARN}
-    assert findings["settings"].seen == ("watchdog 50 ms, drive limit 10 transducers; at power-up 100 ms and 320")
-    assert findings["settings"].advice.startswith("phasewire or another program has set them so since power-up")
-    emulator.restart()
-    url = f"{emulator.url}?door=serial"
-    with open_device(url):
-        pass
-    assert bad(found_by(url)) == {}, "the slow line needs its watchdog time"
-    findings = found_by(emulator.url)
-    assert findings["settings"].seen.startswith("watchdog 907 ms")
-    assert "if it plays over a slow serial line" in findings["settings"].advice
-
-
-def test_a_watchdog_that_fired_is_told(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        device.enable()
-        emulator.run(5000)  # 125 ms without a host
-    findings = found_by(emulator.url)
-    assert bad(findings) == {}
-    assert "; the watchdog has turned the outputs off" in findings["settings"].seen
 
 
 def test_an_invalid_wiring_table_is_found(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -439,30 +393,6 @@ def test_however_it_ends_the_outputs_are_off(
     assert is_off(emulator)
 
 
-def test_a_listener_that_stops_listening_frees_the_device(emulator: Emulator) -> None:
-    findings: Iterator[Finding] = examine(emulator.url)
-    for finding in findings:
-        if finding.name == "open":
-            break
-    findings.close()  # type: ignore[attr-defined]  # a generator
-    assert bad(found_by(emulator.url)) == {}
-
-
-@pytest.mark.parametrize(
-    ("fault", "cure"),
-    [
-        (faults.WrongSupply(millivolts=9000), "phasewire clear-faults"),
-        (faults.LostSync(), "phasewire reset"),
-        (faults.DeadBoard(board=0), "phasewire reset"),
-    ],
-)
-def test_what_clears_a_fault_is_named_with_the_device(emulator: Emulator, fault: InjectedFault, cure: str) -> None:
-    """REQ-011."""
-    emulator.inject(fault)
-    emulator.run(1000)
-    assert f"`{cure} --device {emulator.url}`" in found_by(emulator.url)["faults"].advice
-
-
 @pytest.mark.parametrize("door", ["usb", "serial"])
 @pytest.mark.parametrize("error", [None, DeviceTimeoutError, KeyboardInterrupt])
 def test_settings_are_as_they_were_found_however_it_ends(
@@ -554,18 +484,6 @@ def test_full_speed_is_found() -> None:
     assert findings["cable"].seen.endswith("at most 2375 blocks a second")
 
 
-def test_a_hub_on_the_way_is_named(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    genuine = EmulatorBackend.get_device_descriptor
-
-    def behind_a_hub(self: EmulatorBackend, device: Any) -> Any:
-        described = genuine(self, device)
-        described.bus, described.port_numbers = 3, (2, 4)
-        return described
-
-    monkeypatch.setattr(EmulatorBackend, "get_device_descriptor", behind_a_hub)
-    assert found_by(emulator.url)["cable"].seen == "high speed at 3-2.4, through the hub at 3-2"
-
-
 @pytest.mark.parametrize(
     ("problem", "verdict", "seen"), [(None, OK, "/dev/ttyACM7"), ("permission denied", WARN, "permission denied")]
 )
@@ -596,22 +514,6 @@ def test_without_a_device_the_computer_is_examined(url: str, remedy: str) -> Non
     assert findings["python"].verdict is OK
 
 
-def test_the_only_device_needs_no_name(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A device with two lines is one, and USB is the better."""
-    usb_line = Found(emulator.url, "array", emulator.serial, "run time", "0.1.0", "0-1")
-    serial_line = dataclasses.replace(usb_line, url="serial:///dev/ttyACM0")
-    other = dataclasses.replace(usb_line, url="emulator:OTHER", serial="OTHER")
-
-    def examined(*found: Found) -> Finding:
-        monkeypatch.setattr("phasewire.host.finding.doctor.search", lambda: Search(list(found), {}))
-        return next(finding for finding in examine() if finding.name == "device")
-
-    assert examined(usb_line, serial_line).verdict is OK
-    assert examined(serial_line, usb_line).verdict is OK
-    assert "there are 2 devices; name one with --device" in examined(usb_line, other).seen
-    assert "no device can be found" in examined().seen
-
-
 # The computer
 
 
@@ -638,19 +540,6 @@ def test_the_udev_rule_is_looked_for(tmp_path: Path) -> None:
     assert check(computer(installed(tmp_path / "d", "an older one"))).verdict is WARN
 
 
-def test_this_computer_is_known() -> None:
-    here = Computer.this()
-    assert here.root == Path("/")
-    assert COMPUTER_CHECKS["python"](here).verdict is OK
-    assert "pyusb" in COMPUTER_CHECKS["python"](here).seen
-
-
-def test_libusb_is_asked_for_its_version() -> None:
-    finding = COMPUTER_CHECKS["libusb"](Computer.this())
-    assert finding.verdict is OK
-    assert re.fullmatch(r"libusb 1\.0\.\d+", finding.seen)
-
-
 def test_missing_libusb_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("libusb_package.get_libusb1_backend", lambda: None)
     findings = found_by("usb:")
@@ -669,27 +558,7 @@ def test_a_computer_without_any_usb_bus_is_a_container(
     assert COMPUTER_CHECKS["usb bus"](Computer.this()).verdict is verdict
 
 
-def test_a_failing_transport_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    failed = Search([], {"theirs": "on fire"})
-    monkeypatch.setattr("phasewire.host.finding.computer_checks.search", lambda schemes=None: failed)
-    judgement = COMPUTER_CHECKS["transports"](Computer.this())
-    assert judgement.verdict is WARN
-    assert "theirs: on fire" in judgement.seen
-
-
 # The udev rule and the guide
-
-
-def test_the_udev_rule_names_the_device_as_the_specification_does() -> None:
-    """Numbers of USB-001 and USB-013, classes of USB-005, before the file that heeds uaccess."""
-    lines = [line for line in udev_rule().splitlines() if line.startswith("SUBSYSTEM")]
-    products = [int(match, 16) for line in lines for match in re.findall(r'ATTRS?\{idProduct\}=="(\w+)"', line)]
-    vendors = {int(match, 16) for line in lines for match in re.findall(r'ATTRS?\{idVendor\}=="(\w+)"', line)}
-    assert vendors == {VENDOR_ID}
-    assert products == [PRODUCT_ID, DFU_PRODUCT_ID, PRODUCT_ID, PRODUCT_ID]
-    assert udev_rule().count('TAG+="uaccess"') == udev_rule().count('ENV{ID_MM_DEVICE_IGNORE}="1"') == 3
-    assert udev_rule().count('GROUP="plugdev"') == 2
-    assert "60-phasewire.rules" < "73-seat-late.rules"
 
 
 def test_the_guide_tells_of_every_check() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import errno
-import pkgutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from phasewire.base.errors import (
     DeviceNotFoundError,
     DeviceRefusedError,
     DeviceStalledError,
-    DeviceTimeoutError,
     ImageError,
     InputFileError,
 )
@@ -35,10 +33,10 @@ from phasewire.host.firmware import flashing
 from phasewire.host.firmware.dfu import DfuLine, detach
 from phasewire.host.firmware.flashing import ATTEMPTS, FlashReport, FlashStage, find_flashable, revert
 from phasewire.host.firmware.images import read_firmware
-from phasewire.host.transports.usb_find import DFU_MODE, Sighting, UsbFinder
+from phasewire.host.transports.usb_find import DFU_MODE, UsbFinder
 from phasewire.protocol.blocks import Update
 from phasewire.protocol.codes import Bank, DfuStatus, Fault, Feature, ImageReason, Request, State
-from phasewire.protocol.firmware import Suffix, Trust, build, parse, sign, split_suffix, with_suffix
+from phasewire.protocol.firmware import Suffix, Trust, build, sign, split_suffix, with_suffix
 from phasewire.protocol.replies import Info
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.versions import Version
@@ -92,28 +90,6 @@ def test_an_upgrade_as_a_whole(emulator: Emulator) -> None:
     assert [done for stage, done, _ in steps if stage is FlashStage.CHECK] == written
     assert list(dict.fromkeys(stage for stage, *_ in steps)) == list(FlashStage)
     assert booted(emulator) == NEW.version  # it has come up, and stays
-
-
-def test_upgrades_take_turns_between_the_banks(emulator: Emulator) -> None:
-    for image, bank in ((OLD, Bank.A), (NEW, Bank.B), (NEWER, Bank.A)):
-        assert flash(emulator.url, build(image)).bank is bank
-        assert running(emulator) == (image.version, bank)
-
-
-def test_a_file_of_the_largest_image_is_taken(emulator: Emulator, tmp_path: Path) -> None:
-    """Clause FWU-008: 353 blocks, and eleven segments of 64 KiB; at 38 ms a block and 2.5 s in the end."""
-    path = tmp_path / "largest.dfu"
-    body = np.random.default_rng(0).bytes(65_536)
-    segments = tuple(dataclasses.replace(NEW).segments[0]._replace(target=target, data=body) for target in ELEVEN)
-    path.write_bytes(build(dataclasses.replace(NEW, segments=segments)))
-    assert path.stat().st_size == 721_520 + 16
-    began = emulator.scheduler.now
-    flash(emulator.url, path)
-    assert 353 * 38e-3 + 2.5 < (emulator.scheduler.now - began) / 400e6 < 353 * 38e-3 + 2.5 + 2
-    assert running(emulator) == (NEW.version, Bank.A)
-
-
-ELEVEN = [*range(10), 11]
 
 
 def test_an_image_that_is_there_already_is_compared_with_progress_and_not_sent_again(emulator: Emulator) -> None:
@@ -201,14 +177,6 @@ def test_with_keys_only_what_they_signed_is_sent(emulator: Emulator, file: bytes
     assert refused.value.reason == ImageReason.SIGNATURE
     assert untouched(emulator)
     assert flash(emulator.url, build(NEW, KEY), keys=[PUBLIC]).trust is Trust.SIGNED
-
-
-@pytest.mark.parametrize(
-    ("file", "trust"), [(FILE, Trust.UNSIGNED), (build(NEW, STRANGER), Trust.UNKNOWN_KEY), (FORGED, Trust.UNKNOWN_KEY)]
-)
-def test_without_keys_the_report_names_the_signer(emulator: Emulator, file: bytes, trust: Trust) -> None:
-    assert read_firmware(file).trust is trust
-    assert flash(emulator.url, file).trust is trust
 
 
 def test_an_older_image_needs_permission(emulator: Emulator) -> None:
@@ -440,35 +408,6 @@ def test_ctrl_c_leaves_a_device_that_runs_what_it_ran(emulator: Emulator) -> Non
     assert flash(emulator.url, FILE).firmware == NEW.version
 
 
-@pytest.mark.parametrize(
-    "moment",
-    [
-        "phasewire.host.firmware.flashing.detach",
-        "phasewire.host.transports.usb_find.UsbFinder.find_again",
-        "phasewire.host.firmware.dfu.configure",
-    ],
-)
-def test_ctrl_c_on_the_way_to_dfu_mode_leaves_a_device_that_boots(
-    emulator: Emulator, moment: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It comes when a step has been taken, and what that gave is lost."""
-    room, _, name = moment.rpartition(".")
-    place = pkgutil.resolve_name(room)
-    genuine = getattr(place, name)
-
-    def interrupted(*arguments: Any) -> None:
-        monkeypatch.setattr(place, name, genuine)
-        genuine(*arguments)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(place, name, interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        flash(emulator.url, FILE)
-    assert running_after_a_look(emulator) == FACTORY
-    assert not emulator.flash.erasures.any()
-    assert flash(emulator.url, FILE).firmware == NEW.version
-
-
 # From whatever state
 
 
@@ -558,19 +497,6 @@ def test_firmware_that_does_not_come_up_everywhere_is_taken_back(emulator: Emula
     assert emulator.running.status().faults & Fault.FLASH
 
 
-def test_a_processor_with_other_firmware_is_an_error(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    genuine = Emulator._processor
-
-    def processor(self: Emulator, place: int, booted: object) -> object:
-        if place == 4 and booted.image == NEW:  # type: ignore[attr-defined]
-            booted = booted._replace(image=OLD)  # type: ignore[attr-defined]
-        return genuine(self, place, booted)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(Emulator, "_processor", processor)
-    with pytest.raises(DeviceError, match=r"did not get firmware 2\.3\.4 on processor\(s\) 4; it was restarted"):
-        flash(emulator.url, FILE)
-
-
 def test_an_image_that_does_not_boot_is_an_error(emulator: Emulator) -> None:
     address = next(at for at in range(5000, 6000) if STORED[at] & 1)
     stuck = faults.StuckFlashBit(address=Bank.A.image_address + address, bit=0, value=0)
@@ -629,12 +555,6 @@ def test_a_power_cut_at_any_byte_leaves_a_device_that_boots(written: int) -> Non
         emulator.inject(faults.PowerCutInWrite(written_bytes=written, off_periods=SHORT))
         assert flash(emulator.url, FILE).attempts == 2
         assert booted(emulator) == NEW.version
-
-
-def test_an_upgrade_writes_an_exact_number_of_bytes(emulator: Emulator) -> None:
-    emulator.inject(faults.PowerCutInWrite(written_bytes=WRITTEN))
-    assert flash(emulator.url, FILE).attempts == 1
-    assert booted(emulator) == NEW.version
 
 
 @pytest.mark.parametrize("ms", [0.1, 15, 35, 60, 250, 300, 500, 2700, 2830, 2860, *MOMENTS[:3], *slow(*MOMENTS)])
@@ -711,75 +631,3 @@ def test_a_device_that_leaves_during_the_request_has_received_it(
 
     monkeypatch.setattr(EmulatorBackend, "ctrl_transfer", leave)
     assert revert(emulator.url).firmware == FACTORY
-
-
-@pytest.mark.parametrize("error", [DeviceLostError, DeviceTimeoutError, DeviceStalledError])
-def test_a_device_that_leaves_while_it_is_asked_has_left(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, error: type[DeviceError]
-) -> None:
-    flash(emulator.url, FILE)
-    genuine, asked = flashing._info, 0
-
-    def info(seen: Sighting) -> Info:
-        nonlocal asked
-        asked += 1
-        if asked == 2:
-            raise error("it left")
-        return genuine(seen)
-
-    monkeypatch.setattr(flashing, "_info", info)
-    assert revert(emulator.url).firmware == FACTORY
-    assert asked == 3
-
-
-def test_a_device_that_does_not_come_back_from_it_is_given_up(emulator: Emulator) -> None:
-    flash(emulator.url, FILE)
-    emulator.inject(faults.PowerCutInWrite(written_bytes=20))
-    with pytest.raises(DeviceLostError, match="has not come back in run time mode within 10 s"):
-        revert(emulator.url)
-    assert booted(emulator) in (NEW.version, FACTORY)
-
-
-# Devices that are listed
-
-
-def test_devices_are_listed_in_both_modes_and_not_disturbed(emulator: Emulator) -> None:
-    device = Device(emulator, enabled=True)
-    (found,) = find_flashable(emulator.url)
-    assert (found.url, found.serial, found.mode) == (emulator.url, emulator.serial, "run time")
-    assert (found.firmware, found.bank, found.problem) == (FACTORY, Bank.FACTORY, None)
-    assert device.state is State.READY
-    Left(emulator)
-    (found,) = find_flashable(emulator.url)
-    assert (found.mode, found.firmware, found.bank, found.problem) == ("DFU", FACTORY, None, None)
-    assert in_dfu_mode(emulator)
-
-
-def test_a_stall_that_does_not_end_is_given_up(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stall(*_: object) -> bytes:
-        raise Stall("never")
-
-    monkeypatch.setattr("phasewire.emulator.firmware.dfu.DfuMode.control", stall)
-    with pytest.raises(DeviceStalledError, match="does not come to rest in DFU mode"):
-        flash(emulator.url, FILE)
-    assert running_after_a_look(emulator) == FACTORY
-
-
-def test_the_image_is_the_file_s() -> None:
-    assert read_firmware(FILE).image == parse(FILE) == NEW
-
-
-def test_of_a_file_no_more_is_read_than_an_image_can_have(tmp_path: Path) -> None:
-    path = tmp_path / "endless.dfu"
-    with path.open("wb") as file:
-        file.truncate(1 << 40)
-    with pytest.raises(InputFileError, match=r"endless\.dfu has 1099511627776 bytes; such a file may have at most \d+"):
-        read_firmware(path)
-
-
-def test_an_error_names_the_file(tmp_path: Path) -> None:
-    path = tmp_path / "plain.dfu"
-    path.write_bytes(FILE)
-    with pytest.raises(ImageError, match=r"plain\.dfu: SIGNATURE: the image is not signed, and 1 trusted") as refused:
-        read_firmware(path, [PUBLIC])
-    assert refused.value.reason is ImageReason.SIGNATURE

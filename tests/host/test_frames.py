@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import count
 from typing import Any
 
@@ -93,42 +93,6 @@ def test_frames_of_different_kinds_may_follow_each_other() -> None:
     np.testing.assert_array_equal(found, expected)
 
 
-def test_real_drives_are_drives() -> None:
-    for calibration in (None, CALIBRATION):
-        found = drained(frame_source(DRIVES.real, calibration, N), [7])
-        np.testing.assert_array_equal(found, by_hand(DRIVES.real + 0j, calibration))
-
-
-def test_a_frame_is_asked_for_only_when_it_is_taken() -> None:
-    """A live source makes each frame at the last moment, and may be endless."""
-    asked: list[int] = []
-
-    def live() -> Iterator[np.ndarray]:
-        for number in count():
-            asked.append(number)
-            yield DRIVES[number % 40]
-
-    source = frame_source(live(), None, N)
-    assert asked == []
-    for expected in (1, 3, 4):
-        source.take(expected - len(asked))
-        assert asked == list(range(expected))
-
-
-def test_no_array_is_read_before_its_turn() -> None:
-    """Later frames may change until their turn, and the frames before a bad one play."""
-    drives = DRIVES.copy()
-    drives[30, 4] = np.nan
-    source = frame_source(drives, None, N)
-    first = source.take(10)
-    drives[10:20] = 0
-    assert not source.take(10).width.any()
-    np.testing.assert_array_equal(first, by_hand(DRIVES[:10], None))
-    source.take(10)
-    with pytest.raises(ValueError, match="drive of transducer 4 of frame 30 is"):
-        source.take(10)
-
-
 class Kept:
     """Stored frames that give no more than there is."""
 
@@ -155,14 +119,6 @@ def test_a_beginning_is_of_any_kind(source: str, count: int) -> None:
     first = drained(frame_source(beginning(SOURCES[source](), count), None, N), [7])
     whole = drained(frame_source(SOURCES[source](), None, N), [7])
     np.testing.assert_array_equal(first, PulseFrames(whole.phase[:count], whole.width[:count]))
-
-
-def test_what_is_there_already_is_ready() -> None:
-    """A live source's frames are better late than early."""
-    assert frame_source(DRIVES, None, N).ready
-    assert frame_source(FRAMES, None, N).ready
-    assert frame_source(Kept(), None, N).ready
-    assert not frame_source(iter(DRIVES), None, N).ready
 
 
 def bad(at: int, frame: Any) -> list[Any]:
@@ -220,30 +176,6 @@ def test_a_calibration_must_be_of_the_device() -> None:
         frame_source(DRIVES, Calibration.perfect(5), N)
 
 
-def test_one_frame() -> None:
-    pulses = Pulses(FRAMES.phase[0], FRAMES.width[0])
-    assert to_pulses(pulses, CALIBRATION, N) is pulses
-    for frame in (DRIVES[0], DRIVES[0].tolist(), solution(DRIVES[0])):
-        assert to_pulses(frame, None, N) == Pulses.from_drive(DRIVES[0])
-        assert to_pulses(frame, CALIBRATION, N) == Pulses.from_drive(CALIBRATION.apply(DRIVES[0]))
-
-
-@pytest.mark.parametrize(
-    ("frame", "message"),
-    [
-        (Pulses.silent(7), "7 pulses for a device with 6 transducers"),
-        (np.zeros(7, complex), r"a drive of the shape \(7,\) for a device with 6 transducers"),
-        (np.full(6, 2j), "drive of transducer 0 has magnitude 2; at most 1"),
-        (FRAMES, r"a drive of the shape \(2, 40, 6\)"),
-        (None, "a frame is Pulses, .* not NoneType"),
-    ],
-)
-def test_what_is_no_frame_is_named(frame: Any, message: str) -> None:
-    for calibration in (None, CALIBRATION):
-        with pytest.raises(ValueError, match=message):
-            to_pulses(frame, calibration, N)
-
-
 def test_no_response_is_corrected_twice() -> None:
     """A solver that knew the responses has met them already."""
     known = solution(DRIVES[0], GRID.calibrated(CALIBRATION.response))
@@ -268,12 +200,6 @@ def test_points_that_cannot_be_solved_for_are_named(array: TransducerArray) -> N
     points = [ControlPoints([[0, 0, 0.2]]), ControlPoints([[0, 0, -0.2]])]
     with pytest.raises(ValueError, match=r"frame 1: control point 0 at \[0.0, 0.0, -0.2\] m is on the array or behind"):
         drained(frame_source(solved(points, Solver(array)), None, 320), [1])
-
-
-def test_an_empty_source_ends_at_once() -> None:
-    sources: list[Any] = [DRIVES[:0], PulseFrames(FRAMES.phase[:0], FRAMES.width[:0]), [], iter(())]
-    for source in sources:
-        assert frame_source(source, None, N).take(3).phase.shape == (0, N)
 
 
 @given(st.integers(1, 40), st.integers(1, 7), st.integers(1, 50), st.booleans())

@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import repeat
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -31,12 +30,11 @@ from phasewire.emulator.boards.sync import SyncLine
 from phasewire.emulator.cluster import Cluster
 from phasewire.emulator.faults import LostSync, PowerCut, Unplugged
 from phasewire.host.streaming.clock import DeviceClock, Reading
-from phasewire.host.streaming.common_clock import CommonClock, CommonTime
+from phasewire.host.streaming.common_clock import CommonClock
 from phasewire.host.streaming.cycles import play_cycle
 from phasewire.host.streaming.envelopes import sine
 from phasewire.host.streaming.frames import Frame
 from phasewire.host.streaming.session import Session
-from phasewire.host.streaming.streaming import most_blocks_per_second
 from phasewire.protocol.board import CORE_HZ, CYCLES_PER_PERIOD, TICK_HZ
 from phasewire.protocol.codes import NOW, Reason, State
 from phasewire.protocol.quantise import PulseFrames
@@ -137,16 +135,6 @@ def test_a_frame_begins_on_all_devices_in_the_same_tick(restarted: int) -> None:
         assert not later.late
 
 
-def test_a_period_that_is_over_begins_later_on_all_devices_alike_and_says_so() -> None:
-    with together() as (group, emulators):
-        group.show(FULL)
-        ack = group.show(FULL, period=3)
-        group.time.sleep(0.05)
-        assert ack.late
-        first, second = moments(emulators)
-        assert first == second
-
-
 def test_devices_without_a_line_are_estimated_and_a_warning_says_what_that_means() -> None:
     with ExitStack() as stack:
         with pytest.warns(UserWarning, match=r"clocks estimated to 1\d\d µs; .* no coherent focus, .* is 25 µs"):
@@ -216,14 +204,6 @@ def test_a_device_whose_pulses_no_longer_come_shares_no_line() -> None:
     assert not CommonClock(["one", "other"], readings).meet(clocks, 0.0)
 
 
-def test_one_device_has_one_clock_whatever_its_pulses() -> None:
-    clock = DeviceClock()
-    clock.add(Reading(0, 1e-5, 50 * 10_000))
-    common = CommonClock(["only"], [ClockReading(50 * 10_000, 4096, 2)])
-    assert common.meet([clock], 0.0)
-    assert str(common) == "one clock"
-
-
 def test_a_clock_that_leaves_the_line_is_named() -> None:
     clocks = [DeviceClock(), DeviceClock()]
     common = CommonClock(["one", "other"], [ClockReading(0, 0, 1), ClockReading(0, 0, 1)])
@@ -258,28 +238,6 @@ def test_emulated_devices_and_real_ones_have_different_times(monkeypatch: pytest
         )
         with pytest.raises(DeviceError, match="emulated devices of this process have a time of their own"):
             open_devices(members([one, other]))
-
-
-def test_the_common_time_brings_all_to_one_moment() -> None:
-    with Emulator(serial="T-0") as one, Emulator(serial="T-1") as other, open_devices(members([one, other])) as group:
-        assert isinstance(group.time, CommonTime)
-        one.run(100)
-        group.time.sleep(0.01)
-        assert abs(one.scheduler.now - other.scheduler.now) <= 2  # sums of seconds are rounded
-
-
-def test_lines_that_wait_for_each_block_share_their_rate() -> None:
-    def session(rate: float, *, posts: bool, keeper: object) -> Any:
-        line = SimpleNamespace(posts=posts, most_blocks_per_second=rate)
-        return SimpleNamespace(time=keeper, line=lambda: line)
-
-    slow = [session(20, posts=False, keeper=time), session(60, posts=False, keeper=time)]
-    fast = session(100_000, posts=True, keeper=time)
-    assert most_blocks_per_second(slow) == pytest.approx(15)
-    assert most_blocks_per_second([*slow, fast]) == pytest.approx(15)
-    assert most_blocks_per_second([fast, fast]) == 100_000
-    emulated = [session(20, posts=False, keeper=object()) for _ in range(3)]
-    assert most_blocks_per_second(emulated) == 20
 
 
 def test_devices_on_lines_of_any_kind_begin_together() -> None:
@@ -470,28 +428,6 @@ def test_a_refused_frame_stops_all() -> None:
             assert raised.value.reason is Reason.DRIVE
             assert silent(emulators)
             assert [status.state for status in group.status()] == [State.OFF, State.OFF]
-
-
-def test_a_stop_in_another_thread_ends_the_stream_on_all() -> None:
-    reached = threading.Event()
-    with together() as (group, emulators):
-
-        def endless() -> Iterator[Pulses]:
-            for index in range(100_000):
-                if index == 50:
-                    reached.set()
-                yield FULL
-
-        def stop() -> None:
-            assert reached.wait(20)
-            group.stop()
-
-        thread = threading.Thread(target=stop)
-        thread.start()
-        with pytest.raises(DeviceRefusedError, match=r"^D\d: .*it was stopped"):
-            group.stream(endless(), 1000)
-        thread.join()
-        assert silent(emulators)
 
 
 def test_a_signal_s_handler_may_stop_all_in_the_middle_of_a_transfer(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from phasewire.base.errors import DeviceLostError, DeviceRefusedError, DeviceTimeoutError
+from phasewire.base.errors import DeviceLostError, DeviceTimeoutError
 from phasewire.host.streaming.ledger import Answers, Parcel
 from phasewire.host.streaming.session import Session
-from phasewire.protocol.blocks import Block, Body, pack, unpack
-from phasewire.protocol.codes import AckFlag, Reason, Request
+from phasewire.protocol.blocks import Block, Body, pack
+from phasewire.protocol.codes import AckFlag
 
-from tests.host.session_bench import MS, Once, PostingLine, begun, change, enabled, sample
+from tests.host.session_bench import MS, Once, PostingLine, change, enabled, sample
 
 
 def post(session: Session, count: int, body: Callable[[int], Body] = sample, first: int = 0) -> Parcel:
@@ -23,40 +23,6 @@ def post(session: Session, count: int, body: Callable[[int], Body] = sample, fir
     parcel = Parcel(number, Answers.none(count))
     session.post(np.frombuffer(made, np.uint8).reshape(count, 512), parcel)
     return parcel
-
-
-def test_the_host_goes_on_while_blocks_are_on_their_way() -> None:
-    line = PostingLine()
-    session = begun(line)
-    before = line.time.now
-    parcels = [post(session, 6), post(session, 6, first=6)]
-    assert line.time.now == before
-    assert line.most_under_way == 2
-    assert not any(parcel.answers.answered.any() for parcel in parcels)
-    session.settle()
-    assert [parcel.answers.acks["commit_period"].tolist() for parcel in parcels] == [
-        list(range(6)),
-        list(range(6, 12)),
-    ]
-
-
-def test_a_block_that_is_sent_by_itself_waits_for_those_before_it() -> None:
-    line = PostingLine()
-    session = begun(line)
-    parcel = post(session, 9)
-    assert session.send(sample(50))[0].commit_period == 50
-    assert parcel.settled
-    assert [unpack(sent).sequence for sent in line.sent] == list(range(11))
-
-
-def test_no_more_transfers_than_the_line_has_room_for() -> None:
-    line = PostingLine(most=2)
-    session = begun(line)
-    for number in range(6):
-        post(session, 4, first=4 * number)
-    assert line.most_under_way == 2
-    session.settle()
-    assert [sent.first for sent in line.device.accepted[1:]] == list(range(24))
 
 
 STEPS = st.lists(
@@ -125,27 +91,3 @@ def test_a_queue_without_room_is_given_up_and_the_numbers_are_used_again() -> No
     line.device.leaving.clear()
     ack = session.send(change(99))[0]
     assert (ack.sequence, ack.flags) == (9, AckFlag(0))
-
-
-def test_a_host_that_waits_for_room_gives_signs_of_life() -> None:
-    line = PostingLine(stays=0.5)
-    session = enabled(line)
-    parcel = post(session, 20, change)
-    session.settle()
-    assert parcel.answers.answered.all()
-    assert not line.device.fired
-
-
-@pytest.mark.parametrize("error", [DeviceLostError("gone"), KeyboardInterrupt()], ids=["lost", "Ctrl-C"])
-def test_what_fails_takes_back_what_was_not_carried(error: BaseException) -> None:
-    line = PostingLine()
-    session = enabled(line)
-    post(session, 9)
-    line.fails = Once("read", error)
-    with pytest.raises(type(error)):
-        session.settle()
-    assert not line.under_way
-    session.command(Request.DISABLE)
-    with pytest.raises(DeviceRefusedError) as refused:
-        session.send(change(1))
-    assert refused.value.reason is Reason.DISABLED

@@ -49,17 +49,6 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "some.pem"
 
 
-def test_keys_are_read_from_pem(path: Path, tmp_path: Path) -> None:
-    path.write_bytes(private_pem(KEY))
-    assert read_private_key(path).private_bytes_raw() == SECRET
-    stranger, other = Ed25519PrivateKey.generate(), tmp_path / "other.pem"
-    path.write_bytes(public_pem(stranger))
-    other.write_bytes(b"a comment\n" + public_pem(KEY))
-    keys = read_public_keys([path, other])
-    assert [key.public_bytes_raw() for key in keys] == [stranger.public_key().public_bytes_raw(), PUBLIC]
-    assert read_public_keys([]) == ()
-
-
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
 def test_what_the_help_says_makes_keys(tmp_path: Path) -> None:
     for command in (MAKE_PRIVATE_KEY, MAKE_PUBLIC_KEY):

@@ -104,14 +104,3 @@ def test_a_parcel_that_is_not_all_sent_waits_for_the_rest() -> None:
     parcel.sent = 4
     ledger.match(acks([5, 6]))
     assert parcel.settled
-
-
-@pytest.mark.parametrize("lossy", [False, True])
-def test_forgotten_blocks_may_answer_yet_and_later_ones_may_not(lossy: bool) -> None:
-    ledger = Ledger(lossy)
-    parcels(ledger, 10, [3, 3])
-    ledger.clear()
-    assert ledger.settled
-    ledger.match(acks([10, 12, 15]))
-    with pytest.raises(ReplyError, match="block 16 out of turn"):
-        ledger.match(acks([16]))

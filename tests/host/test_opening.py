@@ -1,12 +1,11 @@
 from __future__ import annotations
 
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 
 import pytest
 from phasewire import Emulator, open_device
-from phasewire.base import plugins
 from phasewire.base.errors import DeviceNotFoundError
-from phasewire.host.transports.opening import default_url, load_by_scheme
+from phasewire.host.transports.opening import default_url
 
 
 @pytest.mark.parametrize("url", ["nonsense:", "nonsense", "", ":", "emulator", "http://127.0.0.1/"])
@@ -16,15 +15,6 @@ def test_an_unknown_url_names_the_known_ones(url: str) -> None:
         match="the URL of a device begins with one of emulator:, rfc2217:, serial:, socket:, usb:, usbip:",
     ):
         open_device(url)
-
-
-def test_what_another_package_cannot_load_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    theirs = EntryPoint("theirs", "no_such_package:SCHEME", "phasewire.transports")
-    monkeypatch.setattr(plugins, "entries", lambda group: {"theirs": theirs})
-    with pytest.raises(
-        DeviceNotFoundError, match=r"'theirs:1': no_such_package:SCHEME, .* cannot be loaded: No module named 'no_such"
-    ):
-        load_by_scheme("phasewire.transports", "theirs:1")
 
 
 def test_the_variable_names_the_default_device(monkeypatch: pytest.MonkeyPatch) -> None:

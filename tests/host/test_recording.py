@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 import struct
 import tracemalloc
 import zlib
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire import Emulator, Medium, TransducerArray, open_device
+from phasewire import Medium, TransducerArray
 from phasewire.base.errors import InputFileError
 from phasewire.host.streaming.calibration import Calibration
 from phasewire.host.streaming.frames import PulseFrames, frame_source
@@ -42,18 +41,6 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert count == len(LONG.phase)
     return path
-
-
-@given(takes=st.lists(st.integers(1, 700), min_size=1, max_size=6))
-def test_what_is_played_again_is_the_same_bit_by_bit(path: Path, takes: list[int]) -> None:
-    with Recording.open(path) as recording:
-        source = frame_source(recording, None, N)
-        at, turn = 0, 0
-        while len((taken := source.take(takes[turn % len(takes)])).phase):
-            end = at + takes[turn % len(takes)]
-            np.testing.assert_array_equal(taken, PulseFrames(LONG.phase[at:end], LONG.width[at:end]))
-            at, turn = min(end, len(recording)), turn + 1
-        assert at == len(LONG.phase)
 
 
 @given(st.integers(0, 800), st.integers(0, 800))
@@ -106,41 +93,6 @@ def test_drives_are_recorded_as_the_device_would_get_them(tmp_path: Path) -> Non
             np.testing.assert_array_equal(frame_source(recording, CALIBRATION, N).take(300), played)
 
 
-def test_by_default_a_recording_is_for_the_board_without_further_details(tmp_path: Path) -> None:
-    path = tmp_path / "plain.frames"
-    record(path, some(2, 320), 100)
-    with Recording.open(path) as recording:
-        np.testing.assert_array_equal(recording.array.positions, TransducerArray.grid().positions)
-        assert (recording.medium, recording.calibration, recording.source) == (Medium(), None, "")
-
-
-def test_a_recording_can_be_recorded(path: Path, tmp_path: Path) -> None:
-    with Recording.open(path) as recording:
-        record(tmp_path / "copy.frames", recording, 1, array=GRID)
-    with Recording.open(tmp_path / "copy.frames") as copy:
-        np.testing.assert_array_equal(copy.read(0, 1000), LONG)
-
-
-def test_an_empty_recording_can_be_made(tmp_path: Path) -> None:
-    assert record(tmp_path / "empty.frames", [], 100) == 0
-    with Recording.open(tmp_path / "empty.frames") as recording:
-        assert frame_source(recording, None, 320).take(4).phase.shape == (0, 320)
-
-
-def test_it_plays_on_a_device(tmp_path: Path) -> None:
-    """The outputs emit the recorded frames."""
-    frames = some(3, 320)
-    record(tmp_path / "three.frames", frames, 1000)
-    with Recording.open(tmp_path / "three.frames") as recording, Emulator() as emulator:
-        with open_device(emulator.url) as device:
-            report = device.stream(recording, recording.rate)
-        assert report.accepted == 3
-        capture = emulator.capture()
-        emitted = capture.drive(report.first_period + 45)
-    angle = 2 * np.pi * (2 * ((frames.phase[1].astype(int) - frames.width[1]) // 2) + frames.width[1]) / 100
-    np.testing.assert_allclose(emitted, np.sin(np.pi * frames.width[1] / 50) * np.exp(1j * angle), atol=1e-9)
-
-
 def test_memory_does_not_grow_with_the_frames(tmp_path: Path) -> None:
     def live(frames: int) -> Iterator[np.ndarray]:
         for _ in range(frames):
@@ -175,22 +127,6 @@ def test_what_is_not_finished_leaves_the_old_file(tmp_path: Path) -> None:
         record(path, [np.zeros(N, complex), np.zeros(3, complex)], 100, array=GRID)
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["one.frames"]
-
-
-@pytest.mark.parametrize("rate", [0, -1, 1e-300, np.nan, np.inf])
-def test_a_rate_is_positive(tmp_path: Path, rate: float) -> None:
-    with pytest.raises(ValueError, match=f"rate {rate:g} frames/s must be at least 0.001 frames/s and finite"):
-        record(tmp_path / "none.frames", some(1), rate, array=GRID)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_recording_must_be_a_file(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="a recording must be a plain file"):
-        record(Path("/dev/null"), some(1), 100, array=GRID)
-    with pytest.raises(OSError, match="a recording must be a plain file"):
-        record(tmp_path, some(1), 100, array=GRID)
-    with pytest.raises(FileNotFoundError):
-        record(tmp_path / "no" / "folder.frames", some(1), 100, array=GRID)
 
 
 # Damage
@@ -243,23 +179,6 @@ def test_what_is_cut_off_is_read_up_to_there(
         assert (len(cut), cut.complete) == ((size - begin) // (2 * N + 4), False)
         np.testing.assert_array_equal(cut.read(0, 40), whole.read(0, len(cut)))
         assert whole.complete
-
-
-def test_missing_files_folders_and_pipes_have_their_own_errors(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        Recording.open(tmp_path / "none.frames")
-    with pytest.raises(IsADirectoryError):
-        Recording.open(tmp_path)
-    os.mkfifo(tmp_path / "pipe.frames")
-    for endless in (tmp_path / "pipe.frames", Path("/dev/zero")):
-        with pytest.raises(InputFileError, match=f"{endless} must be a plain file"):
-            Recording.open(endless)
-
-
-def test_a_foreign_file_is_named(tmp_path: Path) -> None:
-    for foreign in (b"phase,width\n", b"", b"\x89HDF\r\n\x1a\n" + bytes(100)):
-        (tmp_path / "other.frames").write_bytes(foreign)
-        refused(tmp_path / "other.frames", "is not a recording; `phasewire record` makes one")
 
 
 def said_otherwise(path: Path, good: bytes, **changes: object) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from phasewire import Calibration, RigDevice, TransducerArray, read_rig, read_transducers
+from phasewire import Calibration, RigDevice, TransducerArray, read_rig
 from phasewire.base.errors import InputFileError
 from phasewire.host.streaming.rig import check_rig
 
@@ -55,14 +55,6 @@ def test_panels_of_a_device_are_placed_and_then_the_device_as_a_whole(tmp_path: 
     assert rig.calibration == Calibration.perfect(4)
     assert rig.channels is not None
     assert rig.channels.tolist() == [7, 5, 300, 0]
-
-
-def test_the_same_file_is_the_array_of_all_devices(tmp_path: Path) -> None:
-    path = written(tmp_path, TWO)
-    whole = read_transducers(path)
-    joined = TransducerArray.joined([device.array for device in read_rig(path)])
-    np.testing.assert_array_equal(whole.positions, joined.positions)
-    np.testing.assert_array_equal(whole.normals, joined.normals)
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*devices*.toml")), ids=lambda path: path.name)

@@ -22,7 +22,6 @@ from phasewire.base.errors import (
     DeviceError,
     DeviceLostError,
     DeviceNotFoundError,
-    DeviceStalledError,
     DeviceTimeoutError,
 )
 from phasewire.host.transports.serial_line import SerialTransport
@@ -30,7 +29,7 @@ from phasewire.protocol import Info, Status
 from phasewire.protocol.codes import Fault, FrameKind, Outcome, Request, State
 from phasewire.protocol.framing import SerialReply
 
-from tests.from_spec import BLOCK_FRAME, REQUEST_FRAME, TO_DEVICE, encode_frame, read_line, read_request
+from tests.from_spec import BLOCK_FRAME, REQUEST_FRAME, encode_frame
 from tests.host.serial_bench import BenchPort, Clock, Damage, HandMade, ack
 from tests.specification import hex_examples
 
@@ -97,12 +96,6 @@ def test_whatever_was_on_the_line_before_does_not_matter(port: BenchPort, before
     line = SerialTransport(port)
     assert line.name == "phasewire array 0123456789abcdef"
     assert (line.damaged, port.time.now < 0.3) == (0, True)
-
-
-def test_the_name_of_a_known_port_is_used(port: BenchPort) -> None:
-    port.product, port.serial_number = "our array", "S-7"  # type: ignore[attr-defined]
-    line = SerialTransport(port)
-    assert (line.name, line.serial) == ("our array S-7", "S-7")
 
 
 def test_closing_leaves_the_line_to_a_person(line: SerialTransport, port: BenchPort) -> None:
@@ -179,14 +172,6 @@ def test_a_line_that_garbles_is_named_and_given_up_in_time(port: BenchPort, way:
     assert port.time.now < 5
 
 
-def test_an_info_that_breaks_the_protocol_is_no_device(port: BenchPort) -> None:
-    port.device.info = dataclasses.replace(port.device.info)
-    object.__setattr__(port.device.info, "encode", lambda: bytes(63))
-    with pytest.raises(DeviceError, match="breaks the protocol"):
-        SerialTransport(port)
-    assert not port.is_open
-
-
 # Requests
 
 
@@ -202,44 +187,6 @@ def test_tags_go_round(line: SerialTransport, port: BenchPort) -> None:
         assert line.query(Request.STATUS, Status.BYTES) == port.device.status.encode()
     tags = [request.tag for request in port.device.requests]
     assert tags == [number % 256 for number in range(1, 302)]
-
-
-def test_values_and_answers_pass(line: SerialTransport, port: BenchPort) -> None:
-    line.command(Request.WATCHDOG, 5_000)
-    assert port.device.requests[-1] == dataclasses.replace(
-        port.device.requests[-1], request_type=0x41, request=6, value=5_000, index=0, length=0
-    )
-    assert line.query(Request.STATUS, 5) == port.device.status.encode()[:5]
-
-
-def test_stall_is_an_error_of_its_own(line: SerialTransport, port: BenchPort) -> None:
-    port.device.stalls = {Request.ENABLE, Request.PULSES}
-    with pytest.raises(DeviceStalledError, match=r"ordering ENABLE: the device answers STALL.*phasewire info"):
-        line.command(Request.ENABLE)
-    with pytest.raises(DeviceStalledError, match="asking for PULSES"):
-        line.query(Request.PULSES, 496)
-    assert len(port.device.requests) == 3  # it was not asked again
-
-
-@pytest.mark.parametrize("way", ["to_device", "to_host"])
-@pytest.mark.parametrize("request_", [Request.STATUS, Request.DISABLE, Request.WATCHDOG])
-def test_a_lost_request_or_answer_is_repeated_under_another_tag(
-    line: SerialTransport, port: BenchPort, way: str, request_: Request
-) -> None:
-    """Clause SER-012. The first is given up after 100 ms and the time of 1316 bytes, and 17 of the request.
-
-    The reply of STATUS has 73 bytes, that of the others 9.
-    """
-    setattr(port, way, lose(1))
-    start = port.time.now
-    if request_ is Request.STATUS:
-        assert line.query(request_, Status.BYTES) == port.device.status.encode()
-    else:
-        line.command(request_, 100 if request_ is Request.WATCHDOG else 0)
-    reply = 73 if request_ is Request.STATUS else 9
-    sent = [read_request(body[1:])["tag"] for event, body in read_line(b"".join(port.written), TO_DEVICE) if body]
-    assert sent == [1, 2, 3]
-    assert port.time.now - start == pytest.approx(0.1 + (1316 + 17 + reply) / 11_520, rel=0.01)
 
 
 def test_a_line_that_another_client_holds_is_in_use() -> None:
@@ -316,35 +263,11 @@ def test_a_write_reports_the_blocks_that_went_out_in_time(line: SerialTransport,
     assert line.write_blocks(bytes(5 * 512), 0) == 512
 
 
-def test_records_are_waited_for(line: SerialTransport, port: BenchPort) -> None:
-    start = port.time.now
-    assert line.read_records(0.05) == b""
-    assert port.time.now - start == pytest.approx(0.05, abs=0.002)
-    assert line.read_records(0) == b""
-    assert port.time.now - start == pytest.approx(0.05, abs=0.002)
-    status = port.device.status.encode()
-    port.device.say(FrameKind.RECORD, ack(7))
-    port.device.say(FrameKind.RECORD, status)
-    assert line.read_records(0) == ack(7) + status
-
-
 def test_records_that_come_while_an_answer_is_waited_for_are_kept(line: SerialTransport, port: BenchPort) -> None:
     port.device.say(FrameKind.RECORD, ack(8))
     line.query(Request.STATUS, Status.BYTES)
     assert line.read_records(0) == ack(8)
     assert line.read_records(0) == b""
-
-
-def test_damaged_frames_are_counted_and_dropped(line: SerialTransport, port: BenchPort) -> None:
-    """Clause SER-006: also frames for devices; text is no frame."""
-    frame = bytearray(encode_frame(2, ack(9)))
-    frame[20] ^= 2
-    port.device.says += frame + b"\x03\x01\0" + encode_frame(BLOCK_FRAME, bytes(512)) + encode_frame(2, ack(10))
-    assert line.read_records(0.1) == ack(10)
-    assert line.damaged == 3
-    port.device.says += CONSOLE + b"some text> \0" + encode_frame(2, ack(11))
-    assert line.read_records(0.1) == ack(11)
-    assert line.damaged == 3
 
 
 def test_the_window_is_the_queue_and_one_but_not_more_than_a_stop_should_wait_for(port: BenchPort) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from threading import Thread
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from phasewire.base.errors import (
     DeviceVersionError,
 )
 from phasewire.host.streaming.session import Answers, Parcel, Session
-from phasewire.protocol import Ack, NoOp, Reason, State
+from phasewire.protocol import NoOp, Reason, State
 from phasewire.protocol.blocks import Block, Body, Samples, pack, unpack
 from phasewire.protocol.codes import AckFlag, Request
 
@@ -27,7 +26,6 @@ from tests.host.session_bench import (
     INFO,
     BenchLine,
     Fate,
-    ModelDevice,
     Once,
     Sent,
     begun,
@@ -112,11 +110,6 @@ def test_on_a_slow_line_the_watchdog_waits_longer(line: BenchLine, blocks_per_se
     assert round(line.device.watchdog * 1000) == watchdog_ms
 
 
-def test_the_numbering_restarts_at_any_number_of_the_last_host(line: BenchLine) -> None:
-    line.device.last = 12_345
-    assert begun(line).send(NoOp())[0].flags == AckFlag(0)
-
-
 def test_a_queue_that_the_last_host_left_full_delays_no_session() -> None:
     line = BenchLine(stays=3600)
     line.device.leaving.extend([3600.0] * 8)
@@ -160,17 +153,6 @@ def test_an_information_record_that_makes_no_sense(line: BenchLine, answer: byte
 
 
 # Acknowledgements
-
-
-def test_an_acknowledgement_has_the_device_s_values(line: BenchLine) -> None:
-    line.time.now = 0.5
-    session = enabled(line)
-    (ack,) = session.send(sample(77))
-    assert ack == Ack(Reason.ACCEPTED, 1, 77, line.device.now, AckFlag(0), 8, State.READY)
-    answers = transfer(session, 20)
-    assert answers.answered.all()
-    assert answers.acks["commit_period"].tolist() == list(range(20))
-    assert answers.acks["sequence"].tolist() == list(range(2, 22))
 
 
 def test_statuses_in_between_are_passed_over(line: BenchLine) -> None:
@@ -217,35 +199,6 @@ def test_a_refusal_is_an_error_with_its_reason_and_takes_a_number(line: BenchLin
     assert len(line.sent) == 3  # none is sent after the refused one
 
 
-@pytest.mark.parametrize(
-    ("fired", "message"),
-    [
-        (False, r"turned its outputs off: it was stopped, or its bus was suspended or reset. Enable them again"),
-        (True, r"turned its outputs off: it heard nothing for 0.1 s; was this program held up\? Enable them again"),
-    ],
-)
-def test_the_error_says_why_outputs_are_off(line: BenchLine, fired: bool, message: str) -> None:
-    session = begun(line)
-    line.device.fired = fired
-    with pytest.raises(DeviceRefusedError, match=message) as refused:
-        session.send(change(1))
-    assert refused.value.reason is Reason.DISABLED
-    with pytest.raises(DeviceRefusedError, match=message):
-        session.check_enabled()
-    session.command(Request.ENABLE)
-    session.check_enabled()
-    session.send(change(2))
-
-
-def test_a_fault_is_named(line: BenchLine, monkeypatch: pytest.MonkeyPatch) -> None:
-    session = begun(line)
-    fields = {"state": State.FAULT, "faults": 1 + 8, "watchdog_ms": 100, "now": 10**6}
-    monkeypatch.setattr(ModelDevice, "status_record", lambda self: spec.build_status(fields))
-    with pytest.raises(DeviceRefusedError, match=r"silenced by a fault \(CHAIN, TEMPERATURE\).*doctor") as refused:
-        session.send(change(1))
-    assert refused.value.reason is Reason.FAULT
-
-
 # Damage and loss on the way
 
 
@@ -272,18 +225,6 @@ def test_a_block_that_always_comes_damaged() -> None:
     line.to_device = nth()
     ack = session.send(sample(8))[0]
     assert (ack.commit_period, ack.flags) == (8, AckFlag.GAP)
-
-
-@pytest.mark.parametrize("at", [40, 4])
-def test_of_many_blocks_a_damaged_one_is_reported(at: int) -> None:
-    line = BenchLine()
-    session = begun(line)
-    line.to_device = nth(3, to=flipped(at))
-    answers = transfer(session, 6)
-    assert answers.answered.all()
-    assert answers.acks["reason"].tolist() == [0, 0, Reason.CHECKSUM, 0, 0, 0]
-    assert answers.acks["flags"].tolist() == [0, 0, 0, AckFlag.GAP, 0, 0]
-    assert answers.acks["commit_period"].tolist() == [0, 1, 0, 3, 4, 5]
 
 
 @pytest.mark.parametrize("block", [True, False], ids=["block", "ack"])
@@ -344,34 +285,6 @@ def test_of_many_blocks_lost_ones_are_left_unanswered(place: int) -> None:
     assert len(line.device.accepted) == 1 + 5 + 6
 
 
-def test_an_answer_that_comes_after_all_is_its_block_s() -> None:
-    """Two blocks are given up after a second, and answered while the next two are on their way."""
-    line = BenchLine(lossy=True, queue=1)
-    session = begun(line)
-    line.delay = 1.5
-    answers = transfer(session, 4)
-    assert answers.answered[:2].all()
-    assert answers.acks["sequence"][:2].tolist() == [1, 2]
-    line.time.sleep(5)
-    line.delay = 0.0
-    assert session.send(sample(9))[0].commit_period == 9  # and not what is left of the others
-
-
-def test_a_block_that_waits_in_a_full_queue_is_not_sent_again() -> None:
-    """Clause SER-011: it may still take effect, once; its answer is not taken for another's."""
-    line = BenchLine(lossy=True, queue=2, stays=5.0)
-    session = enabled(line)
-    session.send(change(0), change(1))
-    with pytest.raises(DeviceTimeoutError, match="its queue is full; wait, or stop it"):
-        session.send(change(2))
-    assert len(line.sent) == 4
-    session.command(Request.WATCHDOG, 60_000)
-    line.time.sleep(5)
-    assert session.send(sample(9))[0].commit_period == 9
-    assert [sent.number for sent in line.device.accepted] == [0, 1, 2, 3, 4]
-    assert line.device.dropped == 0
-
-
 # How much is on its way
 
 
@@ -418,19 +331,6 @@ def test_the_watchdog_s_time_is_learned_from_the_status(line: BenchLine) -> None
     assert not line.device.fired
 
 
-def test_a_queue_without_room_is_not_waited_for_for_ever() -> None:
-    line = BenchLine(stays=3600)
-    session = enabled(line)
-    session.send(*map(change, range(8)))
-    at_first = line.time.now
-    with pytest.raises(DeviceTimeoutError, match="did not take a block for 1 s: its queue is full; wait, or stop it"):
-        session.send(change(8))
-    assert 1 < line.time.now - at_first < 1.2
-    line.device.leaving.clear()
-    ack = session.send(change(9))[0]
-    assert (ack.sequence, ack.flags) == (9, AckFlag(0))  # the one that was not taken had this number
-
-
 def test_a_device_that_does_not_answer_is_not_waited_for_for_ever() -> None:
     line = BenchLine()
     session = begun(line)
@@ -442,34 +342,7 @@ def test_a_device_that_does_not_answer_is_not_waited_for_for_ever() -> None:
     assert session.send(sample(2))[0].commit_period == 2
 
 
-@pytest.mark.parametrize("at_once", [1, 3, 7])
-def test_a_write_may_take_fewer_than_all(line: BenchLine, at_once: int) -> None:
-    session = begun(line)
-    line.at_once = at_once
-    answers = transfer(session, 20)
-    assert answers.acks["commit_period"].tolist() == list(range(20))
-    assert [unpack(sent).sequence for sent in line.sent] == list(range(21))
-
-
 # When something goes wrong in the middle
-
-
-@pytest.mark.parametrize("what", ["write", "read"])
-@pytest.mark.parametrize("nth_call", [1, 2, 5, 6])
-def test_answers_before_a_line_dies_are_kept(what: str, nth_call: int) -> None:
-    line = BenchLine()
-    session = begun(line)
-    line.at_once = 2
-    line.fails = Once(what, DeviceLostError("gone"), nth_call)
-    answers = Answers.none(12)
-    with pytest.raises(DeviceLostError, match="gone"):
-        send(session, blocks(session, 12), answers)
-    known = int(answers.answered.sum())
-    read_before = (nth_call - 1) // 2 * 2 if what == "write" else 2 * (nth_call - 1)
-    assert known == min(read_before, 12)
-    assert answers.answered[:known].all()
-    assert answers.acks["commit_period"][:known].tolist() == list(range(known))
-    assert len(line.device.accepted) - 1 >= known
 
 
 ERRORS = [DeviceTimeoutError("late"), DeviceStalledError("stalled"), DeviceLostError("gone"), KeyboardInterrupt()]
@@ -505,27 +378,7 @@ def test_a_status_that_fails_while_it_waits_for_room(error: DeviceError) -> None
     assert session.send(change(9))[0].sequence == 9
 
 
-def test_a_closed_session_refuses_every_call(line: BenchLine) -> None:
-    session = begun(line)
-    session.close()
-    assert line.closed == 1
-    for use in (session.status, lambda: session.send(NoOp()), lambda: session.command(Request.DISABLE), session.reopen):
-        with pytest.raises(DeviceError, match="bench B-1 is closed; open it again"):
-            use()
-    assert len(line.sent) == 1
-
-
 # Coming back
-
-
-def test_a_device_that_comes_back_begins_a_new_numbering(line: BenchLine) -> None:
-    session = enabled(line)
-    session.send(*map(sample, range(5)))
-    line.device.restart()
-    line.device.info = info(firmware=(9, 9, 9))
-    session.reopen()
-    assert (session.info.firmware, session.upcoming) == ((9, 9, 9), (1, False))
-    assert unpack(line.sent[-1]).restart
 
 
 @pytest.mark.parametrize("what", ["INFO", "STATUS", "DISABLE", "write", "read"])
@@ -555,31 +408,6 @@ def test_a_device_that_keeps_leaving_is_given_up() -> None:
         session.reopen(3.0)
     assert 3 <= line.time.now - at_first <= 4
     assert line.reopened_within[:6] == pytest.approx([3, 2.5, 2, 1.5, 1, 0.5], abs=0.01)
-
-
-# Threads
-
-
-def test_threads_wait_for_each_other(line: BenchLine) -> None:
-    session = begun(line)
-    heard: dict[int, list[int]] = {}
-
-    def use(which: int) -> None:
-        heard[which] = []
-        for n in range(50):
-            acks = session.send(sample(100 * which + n), sample(100 * which + n + 50))
-            heard[which] += [ack.commit_period - 100 * which for ack in acks]
-            assert session.status().watchdog_ms == 100
-
-    threads = [Thread(target=use, args=(which,)) for which in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(timeout=30)
-    both = [place for n in range(50) for place in (n, n + 50)]
-    assert heard == dict.fromkeys(range(4), both)
-    firsts = [sent.first for sent in line.device.accepted[1:]]
-    assert all(second == first + 50 for first, second in zip(firsts[::2], firsts[1::2], strict=True))
 
 
 # Anything

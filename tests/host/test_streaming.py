@@ -23,7 +23,6 @@ from phasewire.emulator.faults import (
     BusSuspended,
     FlippedUsbBit,
     InjectedFault,
-    LostToken,
     PowerCut,
     StalledEndpoint,
     Unplugged,
@@ -37,10 +36,9 @@ from phasewire.host.transports.transport import Timekeeper
 from phasewire.host.transports.usb import UsbTransport
 from phasewire.protocol import kernels
 from phasewire.protocol.board import TICK_HZ
-from phasewire.protocol.codes import Reason, Request, State, StatusFlag
+from phasewire.protocol.codes import Reason, State, StatusFlag
 from phasewire.protocol.quantise import PulseFrames
 from phasewire.protocol.replies import Status
-from phasewire.protocol.timing import TWO_WIRE
 
 from tests.host.bus_line import BusLine
 
@@ -260,26 +258,6 @@ def test_stop_while_a_lost_device_comes_back_is_not_undone_by_the_stream(
         assert device.stream(one_by_one(frames(3)), 1000).accepted == 3, "what was stopped can begin again"
 
 
-def test_a_damaged_frame_is_counted_and_the_one_before_plays_on() -> None:
-    wanted = frames(50)
-
-    def source(emulator: Emulator) -> Iterator[Pulses]:
-        for index, pulses in enumerate(one_by_one(wanted)):
-            if index == 20:
-                emulator.inject(FlippedUsbBit(endpoint=0x01, byte=300, times=3))
-            yield pulses
-
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        report = device.stream(source(emulator), 1000)
-        status = device.status()
-        emulator.run(5)
-        assert (report.sent, report.accepted, report.damaged, report.late) == (50, 47, 3, 0)
-        assert (status.accepted, status.refused, status.lost) == (48, 3, 3)
-        for index in range(50):
-            expected = 19 if index in (20, 21, 22) else index
-            assert played(emulator, report.first_period + index * 40 + 39) == frame(wanted, expected)
-
-
 @pytest.mark.parametrize(
     "fault",
     [
@@ -307,21 +285,6 @@ def test_a_stream_goes_on_with_the_next_frame_when_a_lost_device_comes_back(faul
         assert "MODULATION" in status.flags.name
         assert played(emulator, report.last_period) == frame(wanted, 199)
         assert played(emulator, report.last_period - 100 * 40) == frame(wanted, 99)
-
-
-def test_missed_commits_are_counted_over_restarts() -> None:
-    def source(emulator: Emulator) -> Iterator[Pulses]:
-        for index, pulses in enumerate(one_by_one(frames(1200))):
-            if index in (50, 100, 900):
-                emulator.inject(LostToken(message="slice", processor=3, token=9))
-            if index == 600:
-                emulator.inject(PowerCut(periods=3000))
-            yield pulses
-
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        report = device.stream(source(emulator), 1000, reconnect=True)
-        assert device.status().missed_commits == 1
-    assert (report.reconnects, report.missed_commits) == (1, 3)
 
 
 @pytest.mark.parametrize("periods", [1, 3000])
@@ -458,30 +421,6 @@ def test_signs_of_life_follow_the_watchdog_s_time() -> None:
         assert device.stream(source(device), 2).accepted == 3
 
 
-def test_a_session_keeps_to_the_watchdog_s_time_that_an_earlier_one_has_set() -> None:
-    with Emulator() as emulator:
-        with open_device(emulator.url) as device:
-            device.set_watchdog(0.01)
-        with open_device(emulator.url) as device:
-            device.show(frame(frames(1), 0))
-            device.keep_playing(0.1)
-
-
-@pytest.mark.parametrize("left", range(12))
-def test_a_frame_that_cannot_be_in_time_is_moved_and_not_late(left: int) -> None:
-    """For any number of periods between a frame and the time at which it was due."""
-
-    def slow(device: Device) -> Iterator[Pulses]:
-        for index, pulses in enumerate(one_by_one(frames(6))):
-            if index:
-                device.time.sleep((10 * MS - left) / 40_000)
-            yield pulses
-
-    with Emulator(link=TWO_WIRE) as emulator, open_device(emulator.url) as device:
-        report = device.stream(slow(device), 50)
-    assert (report.accepted, report.late) == (6, 0)
-
-
 def test_a_stream_holds_the_line_for_some_milliseconds_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
     """Even if its look-ahead covers more frames than the device's queue holds."""
     held = []
@@ -497,28 +436,6 @@ def test_a_stream_holds_the_line_for_some_milliseconds_at_most(monkeypatch: pyte
         report = device.stream(frames(90), 100, look_ahead=1)
     assert (report.accepted, report.late) == (90, 0)
     assert max(held) < 0.006
-
-
-@pytest.mark.parametrize(
-    ("url", "rate", "least", "most"), [("emulator:", 1000, 4, 6), ("emulator:?door=serial&baud=3000000", 500, 1, 2)]
-)
-def test_frames_that_are_there_go_many_in_a_transfer_but_not_for_longer_than_a_turn(
-    url: str, rate: float, least: float, most: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """1000 frames/s, half of 10 ms at a time; on a serial line 5 ms are two blocks and a bit."""
-    counts = []
-    genuine = Session.post
-
-    def post(session: Session, blocks: NDArray[np.uint8], parcel: Parcel) -> None:
-        counts.append(len(blocks))
-        genuine(session, blocks, parcel)
-
-    with open_device(url) as device:
-        monkeypatch.setattr(Session, "post", post)
-        report = device.stream(frames(120), rate)
-    assert max(counts[1:]) <= most
-    assert sum(counts) / len(counts) >= least
-    assert (report.accepted, report.late) == (120, 0)
 
 
 def test_the_least_lead_is_that_of_the_frame_that_came_last_before_its_time() -> None:
@@ -541,14 +458,6 @@ def test_damaged_and_refused_frames_of_one_transfer_are_counted_apart() -> None:
     assert (last.damaged, last.refused, last.accepted + last.unanswered) == (2, 1, last.sent - 3)
 
 
-def test_progress_is_reported_and_a_report_reads_well() -> None:
-    reports: list[StreamReport] = []
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        report = device.stream(frames(40), 1000, on_progress=reports.append)
-    assert reports[-1] == report
-    assert str(report).startswith("40 frames at 1000/s, 0 late, 0 underruns, least lead ")
-
-
 def test_a_first_frame_that_takes_long_costs_neither_the_modulation_nor_a_sound_before_it() -> None:
     def slow(device: Device) -> Iterator[Pulses]:
         assert not device.status().enabled
@@ -561,22 +470,6 @@ def test_a_first_frame_that_takes_long_costs_neither_the_modulation_nor_a_sound_
         assert (report.accepted, report.underruns) == (3, 0)
         assert StatusFlag.MODULATION in status.flags
         assert not emulator.capture().bits(0, 50 * report.first_period).any()
-
-
-def test_a_frame_that_is_shown_after_a_stop_stays_shown() -> None:
-    other = Pulses(np.full(320, 9), np.full(320, 3))
-
-    def source(device: Device) -> Iterator[Pulses]:
-        for index, pulses in enumerate(one_by_one(frames(100))):
-            if index == 50:
-                device.stop()
-                device.show(other)
-            yield pulses
-
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        with pytest.raises(DeviceRefusedError, match="it was stopped"):
-            device.stream(source(device), 1000)
-        assert device.read_back().pulses == other
 
 
 def test_one_stream_at_a_time() -> None:
@@ -610,12 +503,6 @@ def test_a_device_that_comes_back_has_the_drive_limit_that_it_had() -> None:
         assert (report.reconnects, device.status().drive_limit) == (1, 200)
 
 
-def test_a_line_that_says_of_no_rate_that_it_is_too_much(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(UsbTransport, "most_blocks_per_second", float("inf"))
-    with open_device("emulator:") as device:
-        assert device.stream(frames(50), 1000).accepted == 50
-
-
 def test_a_line_that_carries_blocks_by_itself_plays_a_frame_in_every_period() -> None:
     with Emulator() as emulator, Device(BusLine(emulator)) as device:
         report = device.stream(frames(4000), 40_000)
@@ -631,28 +518,6 @@ def test_a_short_pause_on_the_way_makes_no_ready_frame_late(rate: int, begins: f
         line.pauses = [(begun, begun + 0.018)]
         report = device.stream(frames(rate // 5), rate)
     assert (report.accepted, report.late, report.underruns) == (rate // 5, 0, 0)
-
-
-class OnceSlowLine(BusLine):
-    """A line on which one answer takes a tenth of a second."""
-
-    answers = 0
-
-    def query(self, request: Request, size: int) -> bytes:
-        self.answers += 1
-        if self.answers == 8:
-            self.time.sleep(0.1)
-        return super().query(request, size)
-
-
-@pytest.mark.parametrize("rate", [10_000, 40_000])
-def test_an_answer_that_took_long_once_makes_no_frame_wait_for_ever(rate: int) -> None:
-    """Frames that waited for the like of it would each move the rest."""
-    with Emulator() as emulator, Device(OnceSlowLine(emulator)) as device:
-        device.set_watchdog(1)
-        report = device.stream(frames(rate // 5), rate)
-    assert (report.accepted, report.late, report.underruns) == (rate // 5, 0, 0)
-    assert report.played_rate == pytest.approx(rate)
 
 
 def test_frames_go_on_in_their_periods_after_a_pause_on_their_way() -> None:

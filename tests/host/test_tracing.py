@@ -15,12 +15,11 @@ from phasewire.host.transports.tracing import (
     TRAFFIC,
     TracedTransport,
     log_request,
-    print_traffic,
     split_records,
     traced,
 )
 from phasewire.host.transports.transport import Timekeeper, Transport
-from phasewire.protocol.blocks import Block, NoOp, Update, pack
+from phasewire.protocol.blocks import Block, Update, pack
 from phasewire.protocol.codes import REQUEST_TYPE_OUT, AckFlag, Reason, Request, State
 from phasewire.protocol.replies import Ack, Status
 from phasewire.protocol.requests import Setup
@@ -159,43 +158,9 @@ def test_a_transfer_is_a_line_and_so_is_each_piece_on_demand(line: Line, caplog:
     )
 
 
-def test_a_transfer_of_one_block_is_that_block(line: Line, caplog: pytest.LogCaptureFixture) -> None:
-    through = traffic(caplog, logging.DEBUG, line)
-    through.write_blocks(pack(Block(NoOp(), 5)), 1)
-    assert caplog.messages[1:] == ["    0.001000 s  out block           NO_OP 5: a sign of life"]
-
-
-def test_only_blocks_that_were_sent_are_logged(line: Line, caplog: pytest.LogCaptureFixture) -> None:
-    line.most_bytes = 512
-    through = traffic(caplog, logging.INFO, line)
-    through.write_blocks(block(1) + block(2) + block(3), 1)
-    sent, left = caplog.messages[1:]
-    assert "out block           UPDATE 1:" in sent
-    assert left.endswith("out blocks          2 more found no room in time")
-    line.most_bytes = 0
-    caplog.clear()
-    through.write_blocks(block(1), 1)
-    assert [message[20:] for message in caplog.messages] == ["blocks          1 more found no room in time"]
-
-
 def test_blocks_that_were_taken_back_are_logged(line: Line, caplog: pytest.LogCaptureFixture) -> None:
     assert traffic(caplog, logging.INFO, line).take_back() == 3 * 512
     assert caplog.messages[1].endswith("out blocks          3 were taken back")
-
-
-def test_an_empty_read_logs_no_line(line: Line, caplog: pytest.LogCaptureFixture) -> None:
-    assert traffic(caplog, logging.DEBUG, line).read_records(1) == b""
-    assert len(caplog.messages) == 1
-
-
-def test_requests_are_logged_with_their_values_and_answers(line: Line, caplog: pytest.LogCaptureFixture) -> None:
-    through = traffic(caplog, logging.INFO, line)
-    through.command(Request.WATCHDOG, 250)
-    line.answer = b"short"
-    through.query(Request.STATUS, Status.BYTES)
-    ordered, answered = caplog.messages[1:]
-    assert ordered.endswith("s  out request         WATCHDOG 250")
-    assert "s  in  request         STATUS: 5 bytes: 73 68 6f 72 74 ✗ REQ-003" in answered
 
 
 def test_a_failing_call_is_logged_and_still_fails(line: Line, caplog: pytest.LogCaptureFixture) -> None:
@@ -236,22 +201,6 @@ def test_records_are_split_where_the_device_put_them_together() -> None:
     status = b"PS" + bytes(Status.BYTES - 2)
     assert split_records(ack(1) + status + ack(2) + b"PA") == [ack(1), status, ack(2), b"PA"]
     assert split_records(b"") == []
-
-
-def test_ending_one_print_leaves_the_other(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
-    end_each = print_traffic(each=True)
-    end = print_traffic(each=False)
-    traced(line).write_blocks(block(1) + block(2), 1)
-    end()
-    end_each()
-    told = capsys.readouterr().err.splitlines()
-    assert [next(word for word in ("line", "transfer", "block") if f" {word} " in each) for each in told] == [
-        "line",
-        "transfer",
-        "block",
-        "block",
-    ]
-    assert traced(line) is cast("Transport", line)
 
 
 def test_requests_outside_a_line_are_logged_too(emulator: Emulator, caplog: pytest.LogCaptureFixture) -> None:

@@ -3,10 +3,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from phasewire import Hand
-from phasewire.base.errors import TrackerLostError
 from phasewire.host.finding.findings import CheckVerdict
 from phasewire.host.finding.tracker_checks import TRACKER_CHECKS, Watched, examine_tracker, watch
 from phasewire.host.hands import HandFrame, TrackedHand
@@ -99,21 +97,6 @@ def test_a_tracker_that_restarts_its_count_has_lost_no_frame() -> None:
     assert watched(jumping).missing == 0
 
 
-def test_latencies() -> None:
-    assert judged(watched(frames(), late=0.05), "latency")[0] == "warn"
-    assert judged(replace(watched(frames()), live=False), "latency")[:2] == (
-        "skipped",
-        "the source is played, not seen",
-    )
-
-
-def test_no_hand_in_view() -> None:
-    empty = [replace(frame, hands=()) for frame in frames()]
-    assert verdicts(watched(empty)) == GOOD | {"hands": "fail", "size": "skipped", "place": "skipped"}
-    assert "hold an open hand over the tracker" in judged(watched(empty), "hands")[2]
-    assert judged(watched(frames(10) + empty[10:]), "hands")[0] == "warn"
-
-
 def test_hands_in_the_wrong_unit() -> None:
     note = "hand 4 is left out: its knuckles are 0.066 mm wide; its tracker seems to give metres"
     empty = [replace(frame, hands=(), notes=(note.replace("66", f"{frame.number}"),)) for frame in frames()]
@@ -166,15 +149,6 @@ class Live(LiveHands):
         return frame
 
 
-def test_a_live_source_is_watched_for_so_long() -> None:
-    clock = Clock()
-    found = watch(Live(frames(1000), clock), 2.0, clock=clock)
-    assert (len(found.frames), found.live, found.idle) == (201, True, 0)
-    assert found.seconds == pytest.approx(2, abs=0.01)
-    assert found.latency is not None
-    np.testing.assert_allclose(found.latency, 0.003, atol=1e-9)
-
-
 def test_a_stalled_tracker_is_watched_no_longer() -> None:
     clock = Clock()
     found = watch(Live(frames(50), clock), 2.0, clock=clock)
@@ -201,15 +175,6 @@ def test_frames_that_are_no_news_are_counted_by_their_reason_and_not_handed_on()
     assert judged(replace(found, live=False), "news")[0] == "skipped"
 
 
-def test_the_frames_of_a_lost_tracker_are_kept() -> None:
-    clock = Clock()
-    source = Live(frames(50), clock)
-    source.end(TrackerLostError("it closed"))
-    found = watch(source, 2.0, clock=clock)
-    assert len(found.frames) == 50
-    assert judged(found, "source")[:2] == ("fail", "lost after 0.6 s: it closed")
-
-
 def test_a_recording_is_read_at_once_up_to_a_time() -> None:
     clock = Clock()
     found = watch(PlayedHands("played", iter(frames(1000)), 100, clock), 2.0, clock=clock)
@@ -217,10 +182,3 @@ def test_a_recording_is_read_at_once_up_to_a_time() -> None:
     assert found.seconds == pytest.approx(2)
     short = watch(PlayedHands("played", iter(frames(10)), 100, clock), 2.0, clock=clock)
     assert len(short.frames) == 10
-
-
-def test_each_frame_is_handed_on() -> None:
-    clock = Clock()
-    got: list[HandFrame] = []
-    found = watch(PlayedHands("played", iter(frames(10)), 100, clock), 2.0, got.append, clock)
-    assert tuple(got) == found.frames

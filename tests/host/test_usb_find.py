@@ -10,8 +10,6 @@ from typing import Any
 import pytest
 import usb.core
 import usb.util
-from hypothesis import given
-from hypothesis import strategies as st
 from phasewire import Emulator
 from phasewire.base.errors import (
     DeviceAccessError,
@@ -21,7 +19,7 @@ from phasewire.base.errors import (
 from phasewire.emulator.doors.backend import EmulatorBackend, Port
 from phasewire.host.firmware.dfu import DfuLine, detach
 from phasewire.host.transports.transport import Found
-from phasewire.host.transports.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbFinder, find_on, select
+from phasewire.host.transports.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbFinder, select
 from phasewire.protocol.descriptors import DfuFunctional
 
 from tests.host.upgrades import FACTORY
@@ -60,14 +58,6 @@ def test_looking_neither_configures_nor_claims(emulator: Emulator) -> None:
     assert not Port.of(emulator.usb).claims
 
 
-def test_a_device_in_dfu_mode_is_listed(emulator: Emulator) -> None:
-    """USB-013: product 0002, the same serial number, one interface FE 01 02."""
-    waiting = in_dfu_mode("D-1")
-    told = seen_on(emulator, waiting)
-    assert [each.mode for each in told] == ["run time", "DFU"]
-    assert (told[1].serial, told[1].url, told[1].firmware) == ("D-1", "emulator:D-1", "0.1.0")
-
-
 @pytest.mark.parametrize(
     "foreign",
     [
@@ -99,16 +89,6 @@ def test_another_s_boot_loader_with_the_numbers_of_dfu_mode_is_left_alone(monkey
     assert seen_on(waiting) == []
 
 
-def test_another_product_number_is_found_if_the_url_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """USB-001: 0001 unless configured otherwise."""
-    emulator = Emulator(serial="OWN")
-    genuine = emulator.usb.enumeration
-    own = dataclasses.replace(genuine, device=dataclasses.replace(genuine.device, idProduct=0xABCD))
-    monkeypatch.setattr(emulator.usb, "enumeration", own)
-    assert seen_on(emulator) == []
-    assert [each.url for each in seen_on(emulator, url="emulator:1209:abcd")] == ["emulator:1209:abcd:OWN"]
-
-
 @pytest.mark.parametrize(
     ("error", "told"),
     [
@@ -132,59 +112,9 @@ def test_a_device_with_unreadable_strings_is_listed_with_the_reason(
     assert told in locked.problem
 
 
-def test_a_device_that_may_not_be_opened_is_listed(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(EmulatorBackend, "open_device", raising(usb.core.USBError("denied", None, errno.EACCES)))
-    [locked] = seen_on(emulator)
-    assert "permission denied" in (locked.problem or "")
-
-
 def test_a_device_whose_descriptors_cannot_be_read_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(EmulatorBackend, "get_configuration_descriptor", raising(usb.core.USBError("gone")))
     assert seen_on(Emulator()) == []
-
-
-def test_a_device_without_known_ports_is_placed_by_its_address(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    genuine = EmulatorBackend.get_device_descriptor
-
-    def without_ports(self: EmulatorBackend, device: Any) -> Any:
-        described = genuine(self, device)
-        described.port_numbers = None
-        return described
-
-    monkeypatch.setattr(EmulatorBackend, "get_device_descriptor", without_ports)
-    assert seen_on(emulator)[0].location == "bus 0, address 1"
-
-
-# URLs
-
-
-@pytest.mark.parametrize(
-    ("url", "serial"),
-    [
-        ("emulator:A-1", "A-1"),
-        ("emulator:A", "A-1"),
-        ("emulator:1209:0001:A-1", "A-1"),
-        ("emulator:1209", "1209"),
-        ("emulator:120", "1209"),
-    ],
-)
-def test_urls(url: str, serial: str) -> None:
-    with Emulator(serial="A-1"), Emulator(serial="1209"):
-        assert UsbFinder(url).find().serial == serial
-
-
-def test_every_device_of_a_bus_is_found() -> None:
-    with Emulator(serial="A-1"), Emulator(serial="B-1"):
-        assert {"A-1", "B-1"} <= {each.serial for each in find_on("emulator")}
-
-
-@given(st.from_regex(r"[A-Za-z0-9._-]{1,64}", fullmatch=True))
-def test_every_serial_number_that_may_be_is_found(serial: str) -> None:
-    """USB-001."""
-    assert select(f"usb:{serial}", serial, [found("other" + serial[:1]), found(serial)]).serial == serial
-    assert UsbFinder(f"emulator:{serial}")._serial == serial
 
 
 # Choice
@@ -206,27 +136,9 @@ def test_a_serial_number_may_be_cut_short(url: str, chosen: str) -> None:
     assert select(url, url.removeprefix("usb:"), there).serial == chosen
 
 
-def test_the_only_one_needs_no_name() -> None:
-    assert select("usb:", "", [found("A")]).serial == "A"
-    assert select("usb:", "", [found("A"), found("B", DFU_MODE)], (RUN_TIME,)).serial == "A"
-
-
-@pytest.mark.parametrize("serial", ["", "PW", "W-"])
-def test_several_are_named(serial: str) -> None:
-    with pytest.raises(DeviceNotFoundError, match="could be any of 2 devices; name one: usb:PW-1 or usb:PW-2"):
-        select("usb:…", serial, [found("PW-1"), found("PW-2")])
-
-
 def test_a_device_without_a_name_is_described_by_its_place() -> None:
     with pytest.raises(DeviceNotFoundError, match=r"usb:A or the one at 1-2 \(permission denied\)"):
         select("usb:", "", [found("A"), found(None, problem="permission denied")])
-
-
-def test_the_error_for_a_missing_device_names_the_others() -> None:
-    with pytest.raises(DeviceNotFoundError, match="no device at 'usb:Z': there are 'A', 'B'"):
-        select("usb:Z", "Z", [found("A"), found("B")])
-    with pytest.raises(DeviceNotFoundError, match="no device at 'usb:': nothing is plugged in"):
-        select("usb:", "", [])
 
 
 def test_the_error_names_a_device_in_another_mode() -> None:
@@ -296,30 +208,6 @@ def test_rights_may_come_a_moment_after_the_device(emulator: Emulator, monkeypat
     until = emulator.scheduler.now + 400_000 * 5000
     with pytest.raises(DeviceAccessError, match="cannot be opened: permission denied"):
         UsbFinder(emulator.url).find()
-
-
-def test_a_device_that_comes_back_without_permission_is_an_error(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A udev rule that names one of the two modes only."""
-    bus = UsbFinder(emulator.url)
-    seen = bus.find()
-    detach(seen)
-
-    def denied(*_: object) -> Any:
-        raise usb.core.USBError("Access denied", None, errno.EACCES)
-
-    monkeypatch.setattr(EmulatorBackend, "open_device", denied)
-    with pytest.raises(DeviceAccessError, match="the udev rule must name both modes"):
-        bus.find_again(seen, (DFU_MODE,), 2)
-
-
-def test_waiting_ends(emulator: Emulator) -> None:
-    bus = UsbFinder(emulator.url)
-    seen, began = bus.find(), emulator.scheduler.now
-    with pytest.raises(DeviceLostError, match="has not come back in DFU mode within 2 s"):
-        bus.find_again(seen, (DFU_MODE,), 2)
-    assert 2 < (emulator.scheduler.now - began) / 400e6 < 2.2
 
 
 def test_another_device_is_no_answer() -> None:

@@ -60,13 +60,6 @@ def test_no_port_may_be_free(server: int, controller: Path) -> None:
         attach(LOOPBACK, server, "1-1", controller)
 
 
-def test_a_server_that_is_not_there_is_named(controller: Path) -> None:
-    with socket.create_server((LOOPBACK, 0)) as listener:
-        port = listener.getsockname()[1]
-    with pytest.raises(DeviceNotFoundError, match=rf"127\.0\.0\.1:{port} cannot be used: .*refused"):
-        attach(LOOPBACK, port, "1-1", controller)
-
-
 @pytest.mark.parametrize("said", [b"", b"SSH-2.0-OpenSSH_9.2\r\n", bytes.fromhex("0111000300000000") + b"short"])
 def test_another_kind_of_server_is_refused(said: bytes, controller: Path) -> None:
     with socket.create_server((LOOPBACK, 0)) as listener:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from phasewire.base.errors import ChainError
 from phasewire.protocol.chain import (
     Collect,
     Commit,
@@ -16,30 +15,10 @@ from phasewire.protocol.chain import (
     Program,
     Report,
     Slice,
-    decode,
-    loads,
 )
 from phasewire.protocol.codes import ChannelEnd, Memory
 
 # Bits 0, 2, 4 … high from tick 0 for 25 ticks: phase 25, width 25 is 0xC99; the odd ones are silent.
-
-
-@pytest.mark.parametrize(
-    ("memory", "size", "first", "parts"),
-    [
-        (Memory.SLOTS, 48, 255, [(255, 48)]),
-        (Memory.ENTRIES, 120 * 4, 904, [(904 + 12 * n, 48) for n in range(10)]),
-        (Memory.ENTRIES, 13 * 4, 0, [(0, 48), (12, 4)]),
-        (Memory.SAMPLES, 480, 3616, [(3616 + 48 * n, 48) for n in range(10)]),
-        (Memory.SAMPLES, 0, 0, []),
-    ],
-)
-def test_items_go_into_loads_of_48_bytes(memory: Memory, size: int, first: int, parts: list[tuple[int, int]]) -> None:
-    data = bytes(n % 251 for n in range(size))
-    made = loads(7, memory, first, data)
-    assert [(load.first, len(load.data)) for load in made] == parts
-    assert b"".join(load.data for load in made) == data
-    assert {load.processor for load in made} <= {7}
 
 
 @pytest.mark.parametrize(
@@ -78,19 +57,3 @@ def test_items_go_into_loads_of_48_bytes(memory: Memory, size: int, first: int, 
 def test_an_error_names_a_value_that_cannot_travel(make: Any, complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         make()
-
-
-@pytest.mark.parametrize(
-    ("tokens", "complaint"),
-    [
-        (b"", "0 tokens are no message"),
-        (b"\x00\x00\x01\x02", "END last"),
-        (b"\x00\x00\x0a\x01", "nothing is received at channel end 10"),
-        (b"\x00\x00\x01\x01", "SLICE has 52 tokens, not 4"),
-        (b"\x00\x0a\x02" + bytes(12) + b"\x01", "processor 10"),
-        (b"\x00\x00\x05\x07\x00\x00\x00\x00\x01", "CRC-32 of COLLECT"),
-    ],
-)
-def test_an_error_says_what_is_wrong(tokens: bytes, complaint: str) -> None:
-    with pytest.raises(ChainError, match=complaint):
-        decode(tokens)

@@ -91,7 +91,3 @@ def test_reasons_name_the_clause_that_is_broken() -> None:
     listed = {row[1].strip("`"): row[2] for row in table("table: Reason")}
     assert listed == {reason.name: reason.clause for reason in Reason}
     assert {reason.clause for reason in Reason} <= set(clauses())
-
-
-def test_every_reason_has_words_of_its_own() -> None:
-    assert len({reason.text for reason in Reason}) == len(Reason)

@@ -4,31 +4,20 @@ import re
 
 import pytest
 from phasewire.base.errors import CommandError
-from phasewire.protocol.codes import ConsoleCode, Reason, Request
+from phasewire.protocol.codes import ConsoleCode, Request
 from phasewire.protocol.console import (
     COMMANDS,
-    PROMPT,
     TEST_WIDTH_TICKS,
     LineEditor,
     format_error,
     format_fields,
     format_ok,
-    help_fields,
     parse_command,
 )
 
-from tests.specification import SPEC, table
+from tests.specification import SPEC
 
 # The specification
-
-
-def test_the_table_of_commands() -> None:
-    said = [tuple(cell.strip("`") for cell in row) for row in table("commands")]
-    known = [
-        (name, str(form.argument or ""), form.request.name if form.request else "", form.meaning)
-        for name, form in COMMANDS.items()
-    ]
-    assert said == known
 
 
 def test_every_request_for_people_is_a_command() -> None:
@@ -51,30 +40,6 @@ ANSWERS: dict[str, str] = {
 }
 
 
-def test_the_session_is_that_of_a_device() -> None:
-    """With a model of a device that knows whether it is enabled, and the requests of this session."""
-    (session,) = re.findall(r"^```console\n(.*?)^```", SPEC, re.MULTILINE | re.DOTALL)
-    typed = re.findall(r"^> (.*)$", session, re.MULTILINE)
-    assert len(typed) == 9
-    editor, shown, enabled = LineEditor(), PROMPT, False
-    for line in typed:
-        lines, echo = editor.feed(line.encode() + b"\r")
-        assert lines == [line]
-        try:
-            command = parse_command(line)
-        except CommandError as error:
-            answer = format_error(ConsoleCode(error.reason), str(error))
-        else:
-            assert command
-            enabled = (enabled or command.name == "enable") and command.name != "stop"
-            refused = command.name == "test" and not enabled
-            answer = (
-                format_error(ConsoleCode.REFUSED, f"DISABLED: {Reason.DISABLED.text}") if refused else ANSWERS[line]
-            )
-        shown += echo.decode() + answer + PROMPT
-    assert shown.removesuffix(PROMPT) == session.replace("\n", "\r\n")
-
-
 # Commands
 
 
@@ -88,26 +53,12 @@ def test_an_error_names_the_value_and_what_would_be_right() -> None:
 # Answers
 
 
-def test_answers_by_hand() -> None:
-    assert format_fields([("state", "READY"), ("accepted", 12)]) == "state: READY\r\naccepted: 12\r\n"
-    assert format_fields([]) == ""
-    assert format_ok() == "ok\r\n"
-    assert format_error(ConsoleCode.RANGE, "too much") == "error 5 too much\r\n"
-
-
 @pytest.mark.parametrize("text", ["two\r\nlines", "10 µs", "\x1b[31m"])
 def test_answers_are_printable(text: str) -> None:
     with pytest.raises(ValueError, match="printable ASCII"):
         format_fields([("key", text)])
     with pytest.raises(ValueError, match="printable ASCII"):
         format_error(ConsoleCode.REFUSED, text)
-
-
-def test_help_lists_every_command() -> None:
-    lines = format_fields(help_fields()).splitlines()
-    assert [re.split(r"[ :]", line)[0] for line in lines] == list(COMMANDS)
-    assert "watchdog MS: set the watchdog time in ms" in lines
-    assert max(map(len, lines)) <= 80
 
 
 # Typing

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -115,44 +114,10 @@ def test_descriptions_of_valid_blocks(body: Body, summary: str, fields: dict[str
     assert (described.fields["kind"], described.fields["sequence"]) == (body.KIND.name, 7)
 
 
-def test_pulses_are_summarised_and_available() -> None:
-    described = describe_block(update(TWO, 7))
-    expected = 1 + round(np.sin(np.pi * 8 / 50) ** 2, 3)
-    assert described.fields["pulses"] == {"sounding": 2, "widest_ticks": 25, "total_drive": pytest.approx(expected)}
-    assert described.pulses is not None
-    assert described.pulses.width.tolist() == WIDTH.tolist()
-
-
-def test_a_restart_of_the_numbering_is_mentioned() -> None:
-    assert describe_block(pack(Block(NoOp(), 0, restart=True))).summary.startswith("NO_OP 0, numbering anew: ")
-
-
 def changed(at: int, value: int) -> bytes:
     block = bytearray(update(SILENT, 7, 90))
     block[at] = value
     return resealed(block)
-
-
-@pytest.mark.parametrize(
-    ("block", "reason", "clause", "summary"),
-    [
-        (update(SILENT, 7, 90)[:-1] + b"\1", "CHECKSUM", "BLK-003", "UPDATE 7, period 90"),
-        (update(SILENT, 7, 90)[:100], "LENGTH", "BLK-001", "UPDATE 7, period 90"),
-        (update(SILENT, 7)[:20], "LENGTH", "BLK-001", "20 bytes: 50 57 01 01 07 00 00 00 00 00 00 00 00 00 00 00 …"),
-        (b"", "LENGTH", "BLK-001", "0 bytes"),
-        (changed(0, 0), "MAGIC", "BLK-002", "512 bytes: 00 57 01 01 07 00 00 00 5a 00 00 00 00 00 00 00 …"),
-        (changed(2, 9), "VERSION", "VER-002", "UPDATE 7, period 90"),
-        (changed(3, 99), "KIND", "BLK-004", "99? 7, period 90"),
-        (changed(27, 5), "FIELD", "BLK-011", "UPDATE 7, period 90, action 5"),
-        (changed(32, 100), "PULSE", "PUL-001", "UPDATE 7, period 90"),
-    ],
-)
-def test_descriptions_of_refused_blocks_name_the_clause(block: bytes, reason: str, clause: str, summary: str) -> None:
-    described = describe_block(block)
-    assert described.summary == summary
-    ((found, broken, text),) = described.findings
-    assert (found, broken) == (reason, clause)
-    assert text
 
 
 @given(st.binary(max_size=600) | st.binary(min_size=510, max_size=510).map(lambda rest: resealed(b"PW" + rest)))
@@ -182,23 +147,6 @@ def test_descriptions_of_acknowledgements() -> None:
     assert described.valid  # the record is; the block was not
     assert described.fields["reason"] == "DRIVE"
     assert described.fields["flags"] == ["LATE", "GAP"]
-
-
-@pytest.mark.parametrize(
-    ("data", "reason", "text"),
-    [
-        (ACK.encode()[:-1] + b"\0", "CHECKSUM", "CRC-32 "),
-        (ACK.encode()[:31], "", "an acknowledgement has 32 bytes, not 31"),
-        (b"", "", "an acknowledgement has 32 bytes, not 0"),
-        (b"PA\2" + ACK.encode()[3:28], "", "an acknowledgement has 32 bytes, not 28"),
-        (replace(ACK, reason=Reason.DRIVE).encode(), "", "commit_period 300 should be 0: the block is refused"),
-    ],
-)
-def test_descriptions_of_broken_records_have_the_reason(data: bytes, reason: str, text: str) -> None:
-    described = describe_record(data)
-    (finding,) = described.findings
-    assert (finding.reason, finding.clause) == (reason, "ACK-002")
-    assert finding.text.startswith(text)
 
 
 def test_a_description_names_a_broken_field() -> None:
@@ -305,18 +253,6 @@ def test_a_wrong_value_breaks_the_clause_of_its_request(request_: str, value: in
     assert f"**{finding.clause}** {request_} " in SPEC
 
 
-def test_a_broken_status_breaks_the_clause_of_statuses() -> None:
-    (finding,) = describe_record(STATUS.encode()[:-1]).findings
-    assert f"**{finding.clause}** STATUS answers" in SPEC
-
-
-def test_a_status_is_described_alike_as_record_and_as_answer() -> None:
-    record = describe_record(STATUS.encode())
-    answer = describe_request(setup(0xC1, Request.STATUS, length=64), STATUS.encode())
-    assert (record.kind, f"STATUS: {record.summary}") == ("status", answer.summary)
-    assert record.fields == answer.fields["answer"]
-
-
 @pytest.mark.parametrize(
     ("setup_stage", "summary", "text"),
     [
@@ -350,11 +286,6 @@ def test_a_request_is_described_without_its_data_too() -> None:
     ):
         assert described.summary.startswith("INFO")
         assert described.valid
-
-
-def test_half_a_setup_stage_is_no_request() -> None:
-    (finding,) = describe_request(b"\xc1\1").findings
-    assert finding.text == "a setup stage has 8 bytes, not 2"
 
 
 DEVICE = run_time((1, 2, 3), "array", "X1")
@@ -419,14 +350,6 @@ def test_frames_are_described_by_their_content() -> None:
     assert describe_frame(encode(CONSOLE_FRAME)[:-1]).summary == "back to the console"
 
 
-def test_a_damaged_frame_is_a_finding() -> None:
-    damaged = encode(SerialFrame(FrameKind.RECORD, ACK.encode()))[:-2]
-    described = describe_frame(damaged)
-    assert described.kind == "frame"
-    (finding,) = described.findings
-    assert finding.clause == "SER-006"
-
-
 def test_messages_of_the_chain_are_described() -> None:
     described = describe_message(Commit(3, 90, 0x1234).encode())
     assert described.summary == "COMMIT: processor 3, period 90, checksum 4660"
@@ -475,10 +398,3 @@ def test_the_named_clauses_exist() -> None:
     }
     assert len(found) == 11
     assert {finding.clause for finding in found} <= set(clauses())
-
-
-def test_features_of_a_later_version_are_described_by_their_bits() -> None:
-    later = replace(INFO, features=Feature.DFU | Feature(0x100))
-    described = describe_request(setup(0xC1, Request.INFO, length=64), later.encode())
-    assert described.summary.endswith("DFU, 256")
-    assert described.fields["answer"]["features"] == ["DFU", 256]

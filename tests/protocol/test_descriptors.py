@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable
-
 import pytest
 import usb.control
 import usb.core
@@ -14,11 +11,8 @@ from hypothesis import strategies as st
 from phasewire.base.errors import ReplyError
 from phasewire.emulator import Emulator
 from phasewire.emulator.doors.backend import EmulatorBackend
-from phasewire.protocol.codes import DescriptorType, ImageReason
+from phasewire.protocol.codes import DescriptorType
 from phasewire.protocol.descriptors import (
-    CdcAbstractControl,
-    CdcCallManagement,
-    CdcHeader,
     CdcUnion,
     Configuration,
     Descriptor,
@@ -27,13 +21,10 @@ from phasewire.protocol.descriptors import (
     Endpoint,
     Interface,
     Languages,
-    MsOsCompatibleId,
-    MsOsRegistryProperty,
     OtherSpeedConfiguration,
     String,
     descriptors,
     encode,
-    ms_os_descriptors,
 )
 from phasewire.protocol.enumeration import FULL_SPEED, Enumeration, dfu_mode, run_time
 from phasewire.protocol.layout import usb as layout
@@ -96,28 +87,6 @@ def test_interfaces_and_endpoints_are_those_of_the_specification() -> None:
     assert endpoints_in(RUN_TIME.other_speed) == endpoints_specified(5)
 
 
-def test_every_refusal_of_an_image_has_a_string() -> None:
-    for reason in set(ImageReason) - {ImageReason.ACCEPTED}:
-        found = DFU.find(DescriptorType.STRING, 16 + reason, 0x0409)
-        assert found is not None
-        assert String.decode(found).bString == reason.text
-    assert DFU.find(DescriptorType.STRING, 16, 0x0409) is None
-
-
-def test_class_descriptors_by_hand() -> None:
-    """CDC 1.2, tables 15 and 16; PSTN 1.2, tables 3 and 4; DFU 1.1, table 4.2."""
-    chain = (
-        CdcHeader(0x0110),
-        CdcCallManagement(3, 1),
-        CdcAbstractControl(6),
-        CdcUnion(0, 1),
-        DfuFunctional(0x0D, 255, 64, 0x0101),
-    )
-    wanted = "05 24 00 10 01 05 24 01 03 01 04 24 02 06 05 24 06 00 01 09 21 0d ff 00 40 00 01 01"
-    assert encode(*chain) == bytes.fromhex(wanted)
-    assert descriptors(bytes.fromhex(wanted)) == chain
-
-
 @pytest.mark.parametrize("kind", [DeviceDescriptor, String, Languages])
 def test_bytes_after_a_descriptor_are_no_part_of_it(kind: type[Descriptor]) -> None:
     """Found by fuzzing: bytes after the descriptor were lost."""
@@ -157,14 +126,6 @@ def test_the_release_is_binary_coded_decimal(release: tuple[int, int, int], bcd:
 def test_a_release_that_does_not_fit_is_refused(release: tuple[int, int, int]) -> None:
     with pytest.raises(ValueError, match=r"does not fit bcdDevice: at most 99\.9\.9"):
         run_time(release, "", "S-1")
-
-
-@pytest.mark.parametrize("serial", ["", "x" * 65, "a b", "ü", "S-1\n"])
-@pytest.mark.parametrize("mode", [run_time, dfu_mode])
-def test_a_serial_number_can_stand_in_a_url(mode: Callable[..., Enumeration], serial: str) -> None:
-    with pytest.raises(ValueError, match=f"serial number {re.escape(repr(serial))} must be"):
-        mode((1, 0, 0), "array", serial)
-    assert mode((1, 0, 0), "array", "aZ0._-" + 58 * "9").strings[3] == "aZ0._-" + 58 * "9"
 
 
 # pyusb's reading.
@@ -219,25 +180,6 @@ def test_pyusb_reads_the_device_at_run_time(enumeration: Enumeration, bulk: int,
     assert not [*configuration.extra_descriptors, *array.extra_descriptors, *data.extra_descriptors]
 
 
-def test_pyusb_reads_the_device_in_dfu_mode() -> None:
-    device = on_the_bus(DFU)
-    assert fields_of(device, DEVICE_FIELDS) == (18, 1, 0x0201, 0, 0, 0, 64, 0x1209, 0x0002, 0x0123, 1, 2, 3, 1)
-    (configuration,) = device.configurations()
-    assert fields_of(configuration, CONFIGURATION_FIELDS) == (9, 2, 27, 1, 1, 0, 0xC0, 50)
-    (setting,) = configuration.interfaces()
-    assert fields_of(setting, INTERFACE_FIELDS) == (9, 4, 0, 0, 0, 0xFE, 1, 2, 4)
-    assert usb.util.get_string(device, setting.iInterface) == "firmware"
-    assert bytes(setting.extra_descriptors).hex() == "09210fe80300081001"
-
-
-def test_pyusb_reads_the_strings() -> None:
-    device = on_the_bus(RUN_TIME)
-    assert (device.manufacturer, device.product, device.serial_number) == ("phasewire", "array", "S-1")
-    assert device.langids == (0x0409,)
-    names = [usb.util.get_string(device, interface.iInterface) for interface in device[0]]
-    assert names == ["phasewire array", "phasewire console", None, "phasewire firmware update"]
-
-
 # Any bytes.
 
 
@@ -271,23 +213,6 @@ def test_malformed_chains_are_refused(data: str, message: str) -> None:
         descriptors(bytes.fromhex(data))
 
 
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        ("0a", "at byte 0: its length 10 is less than 4 or goes beyond the end, 1 bytes away"),
-        ("03 00 00", "its length 3 is less than 4"),
-        ("00 00 00 00", "its length 0"),
-        ("04 00 09 00", "of no kind"),
-        ("08 00 02 00 00 01 a0 00", "no MsOsFunctionSubset descriptor"),
-        ("0a 00 04 00 07 00 04 00 41 00", "no MsOsRegistryProperty descriptor"),
-        ("0b 00 04 00 07 00 00 00 00 00 00", "no MsOsRegistryProperty descriptor"),
-    ],
-)
-def test_malformed_sets_are_refused(data: str, message: str) -> None:
-    with pytest.raises(ReplyError, match=message):
-        ms_os_descriptors(bytes.fromhex(data))
-
-
 U8, U16 = st.integers(0, 255), st.integers(0, 65535)
 TEXTS = st.text(st.characters(codec="utf-16-le"), max_size=63)
 ANY = st.one_of(
@@ -306,22 +231,3 @@ def test_values_survive_encoding_and_decoding(chain: list[Descriptor]) -> None:
     data = encode(*chain)
     assert list(descriptors(data)) == chain
     assert sum(each.encode()[0] for each in chain) == len(data)
-
-
-@given(st.builds(MsOsRegistryProperty, U16, TEXTS, TEXTS))
-def test_registry_properties_survive_encoding_and_decoding(entry: MsOsRegistryProperty) -> None:
-    assert ms_os_descriptors(entry.encode()) == (entry,)
-
-
-def test_values_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(ValueError, match="bEndpointAddress=256"):
-        Endpoint(256, 2, 512, 0)
-    with pytest.raises(ValueError, match="does not fit its layout"):
-        Endpoint(1, 2, -1, 0)
-    with pytest.raises(ValueError, match="does not fit its layout"):
-        MsOsCompatibleId(b"WINUSB")
-    assert len(String("x" * 126).encode()) == 254
-    with pytest.raises(ValueError, match="does not fit its layout"):
-        String("x" * 127)
-    with pytest.raises(ValueError, match="does not fit its layout"):
-        String("\ud800")

@@ -4,8 +4,6 @@ import re
 from itertools import product
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from phasewire.protocol.codes import (
     CLASS_REQUEST_TYPE_IN,
     CLASS_REQUEST_TYPE_OUT,
@@ -13,22 +11,15 @@ from phasewire.protocol.codes import (
     DFU_DETACH_TIMEOUT_MS,
     DFU_TRANSFER_BYTES,
     DFU_VERSION,
-    IMAGE_MAX_BYTES,
     DfuRequest,
     DfuState,
     DfuStatus,
 )
 from phasewire.protocol.dfu import (
-    BUSY_LONGEST_MS,
-    MANIFEST_MS,
     TRANSITIONS,
     DfuEvent,
     DfuReply,
-    check_block,
-    program_ms,
 )
-
-from tests.specification import SPEC
 
 # The tables of DFU 1.1, appendix A.2, for a device that can download and upload, tolerates manifestation, detaches by
 # itself and is never corrupt. One entry for a row of a table: event, action, next state. "stall" is a STALL of the
@@ -135,21 +126,3 @@ def test_the_numbers_of_the_functional_descriptor() -> None:
 def test_a_reply_that_does_not_fit_is_a_wrong_argument(poll_ms: int) -> None:
     with pytest.raises(ValueError, match="poll_ms"):
         DfuReply(DfuStatus.OK, poll_ms, DfuState.DFU_IDLE).encode()
-
-
-def test_busy_times_are_the_specification_s() -> None:
-    assert all(0 < program_ms(number) < BUSY_LONGEST_MS for number in range(353))
-    assert f"{MANIFEST_MS} ms for manifestation" in " ".join(SPEC.split())
-    assert f"not over after {BUSY_LONGEST_MS // 1000} s MUST fail" in " ".join(SPEC.split())
-
-
-@given(st.integers(1, IMAGE_MAX_BYTES))
-def test_a_download_in_turn_is_taken(total: int) -> None:
-    received = 0
-    while received < total:
-        assert check_block(received // 2048, 0, received, total) is DfuStatus.NOTDONE
-        length = min(2048, total - received)
-        assert check_block(received // 2048, length, received, total) is DfuStatus.OK
-        received += length
-    assert check_block(0, 0, total, total) is DfuStatus.OK
-    assert check_block(-(-total // 2048), 1, total, total) is DfuStatus.ADDRESS

@@ -1,20 +1,15 @@
 from __future__ import annotations
 
-import hashlib
 import zlib
 from dataclasses import replace
 from typing import Any
 
 import pytest
 from construct import ConstructError
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
-from hypothesis import given
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import strategies as st
 from phasewire.base.errors import ImageError
 from phasewire.protocol.codes import (
-    FLASH_BANK_BYTES,
-    FLASH_SECTOR_BYTES,
-    IMAGE_MAX_BYTES,
     Bank,
     ImageReason,
     Target,
@@ -27,14 +22,11 @@ from phasewire.protocol.firmware import (
     Suffix,
     boot_order,
     idle_bank,
-    key_id,
     sign,
     with_suffix,
 )
 from phasewire.protocol.layout.firmware import IMAGE
 from phasewire.protocol.versions import Version
-
-from tests.specification import clauses, table
 
 # RFC 8032, section 7.1, test 1.
 KEY = Ed25519PrivateKey.from_private_bytes(
@@ -66,58 +58,7 @@ def reason(data: bytes) -> ImageReason:
     return ImageReason(refusal.value.reason)
 
 
-# The specification
-
-
-def test_every_reason_names_its_clause_as_the_specification_does() -> None:
-    meaning = {row[1].strip("`"): row[2] for row in table("table: ImageReason")}
-    for reason in list(ImageReason)[1:]:
-        assert reason.clause in meaning[reason.name]
-        assert reason.clause in clauses()
-    assert len({reason.text for reason in ImageReason}) == len(ImageReason)
-
-
 # The container
-
-
-def test_the_first_failure_is_reported() -> None:
-    """Everything is wrong at first, then made right in the order of the reasons."""
-    good = IMAGE_123.encode()
-    wrong = bytearray(sign(IMAGE_123, KEY).encode()) + b"\0"
-    wrong[16:24] = bytes(8)
-    faults = [
-        (ImageReason.MAGIC, 0, b"?"),
-        (ImageReason.VERSION, 4, b"\x09"),
-        (ImageReason.RESERVED, 24, b"\1"),
-        (ImageReason.HARDWARE, 6, b"\x09"),
-        (ImageReason.TARGETS, 32, b"\x0b"),
-        (ImageReason.SIZE, 42, b"\x09"),
-        (ImageReason.OFFSET, 84, b"\x09"),
-        (ImageReason.PADDING, 133, b"\1"),
-        (ImageReason.HASH, 136, b"\0"),
-    ]
-    for _, offset, octets in faults:
-        wrong[offset : offset + len(octets)] = octets
-    assert reason(bytes(wrong[:100])) is ImageReason.LENGTH
-    for expected, offset, octets in faults:
-        if expected is ImageReason.RESERVED:
-            assert reason(bytes(wrong)) is ImageReason.CHECKSUM
-        if expected is ImageReason.PADDING:
-            assert reason(seal(wrong)) is ImageReason.TOTAL
-            wrong.pop()
-        assert reason(seal(wrong) if expected > ImageReason.CHECKSUM else bytes(wrong)) is expected
-        wrong[offset : offset + len(octets)] = good[offset : offset + len(octets)]
-    assert reason(seal(wrong)) is ImageReason.SIGNATURE
-
-
-def test_the_largest_image() -> None:
-    """The limit was worked out by hand from 64 KiB for each of eleven processors."""
-    full = bytes(range(256)) * 256
-    image = Image(Version(0, 0, 1), (*(Segment(Target(n), full) for n in range(10)), Segment(Target.CONTROLLER, full)))
-    data = image.encode()
-    assert len(data) == IMAGE_MAX_BYTES == 721_520
-    assert Image.decode(data) == image
-    assert FLASH_SECTOR_BYTES + len(data) <= FLASH_BANK_BYTES
 
 
 @pytest.mark.parametrize(
@@ -144,14 +85,6 @@ def test_wrong_arguments(wrong: dict[str, Any], words: str) -> None:
 
 
 # Signatures
-
-
-def test_the_key_of_the_rfc_signs_and_its_public_half_verifies() -> None:
-    image = sign(IMAGE_123, KEY)
-    assert image.signature is not None
-    assert image.signature.key_id == hashlib.sha256(PUBLIC).digest()[:8] == key_id(KEY.public_key())
-    data = image.encode()
-    Ed25519PublicKey.from_public_bytes(PUBLIC).verify(data[-64:], data[:-64])
 
 
 def test_signing_again_replaces_the_signature() -> None:
@@ -183,29 +116,6 @@ FRESH = BootRecord(5, 204, bytes(32))
 def test_the_flash_map() -> None:
     assert [bank.record_address for bank in Bank] == [0x100000, 0x200000, 0x300000]
     assert [bank.image_address for bank in Bank] == [0x101000, 0x201000, 0x301000]
-
-
-@given(RECORDS, st.integers(0, 2**31 - 2), st.integers(1, 2**31 - 1))
-def test_an_upgrade_is_newer_than_the_other_bank(other: BootRecord, older: int, step: int) -> None:
-    assert BootRecord.of(b"image", other).newer_than(other)
-    assert replace(other, generation=(other.generation + step) % 2**32).newer_than(other)
-    assert not replace(other, generation=(other.generation - older) % 2**32).newer_than(other)
-
-
-def test_generations_wrap_to_0() -> None:
-    assert BootRecord.of(b"image", replace(FRESH, generation=0xFFFFFFFF)).generation == 0
-
-
-def test_the_first_upgrade() -> None:
-    record = BootRecord.of(b"image", None)
-    assert record == BootRecord(0, 5, hashlib.sha256(b"image").digest())
-    assert record.describes(b"image and what follows it in the bank")
-    assert not record.describes(b"imagf")
-    assert not record.describes(b"imag")
-
-
-def test_a_download_never_goes_to_the_bank_that_runs() -> None:
-    assert [idle_bank(bank) for bank in (Bank.FACTORY, Bank.A, Bank.B)] == [Bank.A, Bank.B, Bank.A]
 
 
 class Flash:

@@ -12,12 +12,9 @@ from phasewire.base.errors import FrameError
 from phasewire.protocol.codes import FrameKind, Outcome
 from phasewire.protocol.framing import (
     BAUD,
-    CONSOLE_FRAME,
     MAX_FRAME_BYTES,
     UART_BITS_PER_BYTE,
     FrameReader,
-    LineMode,
-    LineReader,
     SerialFrame,
     SerialReply,
     SerialRequest,
@@ -65,33 +62,6 @@ def test_the_table_of_rates() -> None:
 
 
 # One frame
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"", "too short"),
-        (b"\0", "unknown type of frame 0"),
-        (b"\6", "unknown type of frame 6"),
-        (b"\1" + bytes(511), "a block has 512 bytes, not 511"),
-        (b"\2" + bytes(48), "a record has 32 or 64 bytes, not 48"),
-        (b"\3" + bytes(8), "at least 9 bytes, not 8"),
-        (b"\3\0\x41\2\0\0\0\0\2\0x", "must carry 2 bytes, not 1"),
-        (b"\3\0\xc1\2\0\0\0\0\2\0xy", "must carry 0 bytes, not 2"),
-        (b"\3\0\xc1\2\0\0\0\0\x81\2", "at most 640 bytes, not 641"),
-        (b"\4\0", "at least 2 bytes, not 1"),
-        (b"\4\0\2", "unknown outcome 2"),
-        (b"\4\0\1x", "without data, not with 1"),
-        (b"\4\0\0" + bytes(641), "at most 640 bytes, not 641"),
-        (b"\5\0", "has 0 bytes, not 1"),
-    ],
-)
-def test_content_that_no_type_allows_is_refused(content: bytes, message: str) -> None:
-    data = sealed(content)
-    with pytest.raises(FrameError, match=message):
-        decode(data)
-    with pytest.raises(ConstructError):
-        FRAME.parse(data)
 
 
 @pytest.mark.parametrize(
@@ -167,30 +137,6 @@ def test_a_stream_without_zeros_takes_no_memory() -> None:
 
 
 # The line that text and frames share
-
-
-def test_hanging_up_returns_to_the_console() -> None:
-    line = LineReader()
-    line.feed(b"\0" + encode(STATUS_FRAME)[:5])
-    dropped, mode = line.hang_up()
-    assert isinstance(dropped, FrameError)
-    assert mode is line.mode is LineMode.CONSOLE
-    assert line.hang_up() == [LineMode.CONSOLE]
-    assert line.feed(b"x\0" + encode(STATUS_FRAME)) == [b"x", LineMode.FRAMES, STATUS_FRAME]
-
-
-@given(st.sampled_from(LineMode), st.sampled_from(LineMode), st.binary(max_size=20))
-def test_a_host_that_knows_nothing_reaches_frames(device_mode: LineMode, host_mode: LineMode, unread: bytes) -> None:
-    """Clause SER-010: 00, CONSOLE, 00 from any modes, with any remains still on the way to the host."""
-    device, host = LineReader(), LineReader()
-    device.feed(b"\0" if device_mode is LineMode.FRAMES else b"")
-    host.feed(b"\0" if host_mode is LineMode.FRAMES else b"")
-    answers = unread + (b"" if device_mode is LineMode.CONSOLE else b"\0")
-    for event in device.feed(b"\0" + encode(CONSOLE_FRAME) + b"\0"):
-        answers += b"\0" if event is LineMode.FRAMES else encode(CONSOLE_FRAME) + b"\r\n> "
-    host.feed(answers)
-    assert device.mode is host.mode is LineMode.FRAMES
-    assert host.feed(encode(STATUS_FRAME)) == [STATUS_FRAME]
 
 
 def test_no_frame_is_longer_than_its_limit() -> None:

@@ -6,21 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from construct import ConstructError
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.base.errors import ReplyError
-from phasewire.protocol import Ack, Info, Pulses, Reason, State, Status, Wiring
+from phasewire.protocol import Ack, Info, Pulses, Reason, State, Status
 from phasewire.protocol.codes import AckFlag, Bank, Fault, Feature, StatusFlag
-from phasewire.protocol.layout import replies as layout
 from phasewire.protocol.replies import (
     ClockReading,
     ProcessorReport,
     ReadBack,
     decode_acks,
     decode_wiring,
-    encode_reports,
-    encode_wiring,
 )
 
 from tests.strategies import pulses
@@ -74,22 +70,6 @@ def test_a_value_that_does_not_fit_is_a_wrong_argument(
         replace(data.draw(reply), **change).encode()
 
 
-@given(REPORTS, st.integers(0, 9))
-def test_reports_that_do_not_fit_are_wrong_arguments(reports: list[ProcessorReport], number: int) -> None:
-    with pytest.raises(ValueError, match=f"(?s){number} reports .*expected 10 elements"):
-        encode_reports(reports[:number])
-    reports[number] = replace(reports[number], temperature_c=128)
-    with pytest.raises(ValueError, match="temperature_c"):
-        encode_reports(reports)
-
-
-def test_the_wiring_table_survives_encoding_and_decoding(scrambled: Wiring) -> None:
-    data = encode_wiring(scrambled)
-    assert len(data) == 640
-    assert int.from_bytes(data[2:4], "little") == scrambled.channels[1]
-    assert decode_wiring(data).channels.tolist() == scrambled.channels.tolist()
-
-
 def test_a_table_that_names_an_output_twice_is_refused() -> None:
     with pytest.raises(ReplyError, match="exactly once"):
         decode_wiring(bytes(640))
@@ -102,25 +82,6 @@ def test_information_in_other_units() -> None:
     )
     assert (info.pitch, info.watchdog) == (10.3e-3, 0.1)
     assert [version for version in range(5) if info.speaks(version)] == [1, 2]
-
-
-@given(READ_BACK, st.binary(max_size=3), st.lists(st.integers(0, 495), max_size=3))
-def test_a_reading_of_pulses_is_what_its_layout_reads(reading: ReadBack, more: bytes, changed: list[int]) -> None:
-    """Whole, with bytes that are changed to any, and with bytes too many or too few."""
-    data = bytearray(reading.encode())
-    for place in changed:
-        data[place] ^= 0xFF
-    for bytes_ in (bytes(data), bytes(data) + more, bytes(data)[: len(data) - len(more)]):
-        try:
-            fields = layout.READ_BACK.parse(bytes_)
-        except ConstructError:
-            with pytest.raises(ReplyError, match="a reading of pulses"):
-                ReadBack.decode(bytes_)
-            continue
-        found = ReadBack.decode(bytes_)
-        pairs = [(pair.even_phase, pair.even_width, pair.odd_phase, pair.odd_width) for pair in fields.pulses]
-        assert np.stack([found.pulses.phase, found.pulses.width], 1).ravel().tolist() == np.ravel(pairs).tolist()
-        assert (found.since_period, found.read_period) == (fields.since_period, fields.read_period)
 
 
 FIELDS = ("reason", "sequence", "commit_period", "now", "flags", "free", "state")
@@ -163,14 +124,6 @@ def resealed(body: bytes) -> bytes:
     return body + zlib.crc32(body).to_bytes(4, "little")
 
 
-@given(ACKS, st.integers(0, 31), st.binary(max_size=4), st.booleans())
-def test_many_at_once_are_refused_as_one_by_one(ack: Ack, at: int, junk: bytes, seal: bool) -> None:
-    good = ack.encode()
-    damaged = (good[:at] + junk + good[at + len(junk) :])[:32]
-    damaged = resealed(damaged[:28]) if seal else damaged
-    assert judged_at_once(damaged, good) == judged(damaged)
-
-
 @pytest.mark.parametrize("at", range(28))
 def test_many_at_once_every_octet_is_judged_alike(at: int) -> None:
     """All 256 values of each, under a right checksum."""
@@ -180,12 +133,6 @@ def test_many_at_once_every_octet_is_judged_alike(at: int) -> None:
     for row in octets:
         damaged = resealed(row[:28].tobytes())
         assert (judged_at_once(damaged, good) is None) == (judged(damaged) is None)
-
-
-@given(ACKS, st.integers(1, 31))
-def test_many_at_once_a_cut_record_is_refused(ack: Ack, cut: int) -> None:
-    with pytest.raises(ReplyError, match=f"{64 - cut} bytes are no whole number of acknowledgements"):
-        decode_acks((2 * ack.encode())[:-cut])
 
 
 @pytest.mark.parametrize("state", State)

@@ -73,12 +73,6 @@ def test_a_reserved_pulse_is_refused_in_every_place(name: str, wrong: int) -> No
     assert (unpack_updates(as_rows(blocks)).reason == Reason.PULSE).all()
 
 
-def test_one_period_holds_for_all() -> None:
-    silent = np.zeros((3, 320), np.uint8)
-    assert unpack_updates(pack_updates(silent, silent, 0, 2**64 - 1)).period.tolist() == [2**64 - 1] * 3
-    assert unpack_updates(pack_updates(silent, silent, 0)).period.tolist() == [0] * 3
-
-
 @pytest.mark.parametrize("periods", [[1, 2**64 - 1], [np.uint64(2**64 - 1), 0], [2**63, np.int8(5)], []])
 def test_periods_may_come_as_a_list(periods: list[int]) -> None:
     silent = np.zeros((len(periods), 320), np.uint8)

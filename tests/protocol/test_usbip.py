@@ -18,13 +18,11 @@ from phasewire.protocol.usbip import (
     Importing,
     ImportStatus,
     Listing,
-    Offer,
     Submit,
     Unlink,
     encode_command,
     encode_import,
     encode_list,
-    encode_request,
     encode_submitted,
     encode_unlinked,
     read_answer,
@@ -187,51 +185,6 @@ def test_a_client_s_answers_are_those_of_the_document() -> None:
     assert all(read_answer(ANSWER_IN[:count]) is None for count in range(ANSWER_BYTES))
     with pytest.raises(ValueError, match="answer 1; there are 3 and 4"):
         read_answer(COMMAND_IN)
-
-
-@given(
-    st.integers(0, 2**32 - 1),
-    st.integers(0, 15) | st.integers(0x80, 0x8F),
-    st.booleans(),
-    st.booleans(),
-    st.binary(max_size=64),
-    st.binary(min_size=8, max_size=8),
-)
-def test_a_server_reads_what_a_client_writes(
-    number: int, endpoint: int, zero_packet: bool, short_not_ok: bool, data: bytes, setup: bytes
-) -> None:
-    is_in = endpoint >= 0x80
-    sent = Submit(
-        number,
-        0x10002,
-        endpoint,
-        zero_packet,
-        short_not_ok,
-        100 if is_in else len(data),
-        0,
-        0,
-        Setup.decode(setup),
-        b"" if is_in else data,
-        1,
-    )
-    whole = encode_command(sent)
-    assert read_command(whole + b"more") == (sent, len(whole))
-    for request in (Listing(), Importing("3-2.1")):
-        assert read_request(encode_request(request)) == (request, len(encode_request(request)))
-
-
-def test_offers_are_read_as_the_document_describes_them() -> None:
-    offer = Offer("1-2", 1, 2, 3, 0x1209, 0x0001)
-    assert offer.device_id == EXPORT.device_id
-    whole = encode_import(ImportStatus.OK, EXPORT)
-    assert read_import(whole + b"more") == (offer, len(whole))
-    assert read_import(encode_import(ImportStatus.BUSY)) == (2, 8)
-    classes = ((0xFF, 0x50, 1), (2, 2, 0), (0x0A, 0, 0), (0xFE, 1, 1))
-    whole = encode_list([EXPORT, EXPORT._replace(number=3)])
-    offers = [offer._replace(interfaces=classes), offer._replace(bus_id="1-3", number=3, interfaces=classes)]
-    assert read_list(whole + b"more") == (offers, len(whole))
-    assert read_list(encode_list([])) == ([], 12)
-    assert all(read_list(whole[:count]) is None for count in range(len(whole)))
 
 
 @given(st.binary(max_size=200))

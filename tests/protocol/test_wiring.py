@@ -5,12 +5,6 @@ import pytest
 from phasewire.protocol import Pin, Wiring
 
 
-def test_the_default_is_one_to_one_and_not_the_identity() -> None:
-    channels = Wiring.strips().channels
-    assert sorted(channels.tolist()) == list(range(320))
-    assert (channels != np.arange(320)).sum() > 300
-
-
 @pytest.mark.parametrize(
     ("row", "column", "output"),
     [

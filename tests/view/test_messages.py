@@ -29,12 +29,6 @@ def test_a_message_says_where_its_arrays_are(arrays: dict[str, Any], text: str) 
         assert message.array(name).shape == values.shape
 
 
-def test_floats_travel_in_single_precision_and_other_whole_numbers_as_u4() -> None:
-    message = Message(encode("frame", {}, {"places": np.array([[0.1, -2.0]]), "ids": np.array([7, 8])}))
-    np.testing.assert_array_equal(message.array("places"), np.array([[0.1, -2.0]], np.float32))
-    np.testing.assert_array_equal(message.array("ids"), [7, 8])
-
-
 @given(st.text())
 def test_any_text_is_a_command_or_refused(text: str) -> None:
     try:
@@ -63,12 +57,3 @@ def test_any_text_is_a_command_or_refused(text: str) -> None:
 def test_what_is_no_command_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="command must be"):
         read_command(text)
-
-
-def test_commands_are_read() -> None:
-    assert read_command('{"set": {"xz": true}}').settings == {"xz": True}
-    assert read_command('{"do": "stop"}').do == "stop"
-    assert read_command('{"do": "fault", "fault": {"name": "dead-board", "board": 1}}').fault == {
-        "name": "dead-board",
-        "board": 1,
-    }

@@ -410,18 +410,6 @@ def test_every_slider_sets_what_it_says(stage: tuple[Session, Window]) -> None:
     assert np.ptp(corners, axis=0)[2] == pytest.approx(0.06)
 
 
-def test_amplitude_is_seen_in_the_bits(stage: tuple[Session, Window]) -> None:
-    running, window = stage
-    window.until(playing)
-    window.slide("Amplitude", 20)
-    window.until(lambda seen: seen["settings"]["amplitude"] == 0.2)
-    begun = window.seen()["frame"]["period"]
-    last = window.until(lambda seen: seen["frame"]["period"] > begun + 20_000)["frame"]["period"]
-    running.end()
-    played = np.abs(running.drives(last - 400, last))
-    assert 0.1 < played.max() < 0.25
-
-
 def test_lists_and_boxes_set_what_they_say(stage: tuple[Session, Window]) -> None:
     _, window = stage
     window.until(playing)

@@ -27,11 +27,6 @@ def test_the_newest_that_is_not_after_a_period_is_found(periods: list[int], aske
     assert found.period == max((period for period in kept if period <= asked), default=kept[0])
 
 
-def test_nothing_is_found_at_first() -> None:
-    assert Past().span is None
-    assert Past().at(5) is None
-
-
 def test_a_device_that_began_anew_has_no_past() -> None:
     past = Past()
     past.add(at(1000))

@@ -37,19 +37,6 @@ def touched(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_frames_are_shown_at_their_rate(tmp_path: Path) -> None:
-    path = tmp_path / "circle.frames"
-    generator = np.random.default_rng(3)
-    frames = [Pulses(generator.integers(0, 100, 320), generator.integers(1, 26, 320)) for _ in range(5)]
-    record(path, frames, 100.0)
-    with open_tape(path) as tape:
-        assert tape.span == (0, 1600)
-        for number, pulses in enumerate(frames):
-            for period in (400 * number, 400 * number + 399):
-                np.testing.assert_allclose(tape.at(period).drives[0], pulses.to_drive())
-        assert tape.at(10**6).period == 10**6
-
-
 def test_of_touch_hands_points_and_both_fields_are_shown(touched: Path) -> None:
     lines = [json.loads(line) for line in touched.with_suffix(".touch").read_text().splitlines()[1:]]
     for path in (touched, touched.with_suffix(".touch")):
@@ -129,12 +116,6 @@ def test_a_damaged_recording_is_named(tmp_path: Path, name: str, content: bytes)
     path.write_bytes(content)
     with pytest.raises(InputFileError, match=name), open_tape(path):
         pass
-
-
-def test_a_missing_file_is_an_error_of_the_system(tmp_path: Path) -> None:
-    for name in ("none.hands", "none.touch", "none.frames"):
-        with pytest.raises(OSError, match=name), open_tape(tmp_path / name):
-            pass
 
 
 def test_an_empty_recording_is_named(tmp_path: Path) -> None:

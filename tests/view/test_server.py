@@ -172,27 +172,6 @@ def test_a_foreign_origin_or_a_wrong_token_opens_no_socket(
     assert not served[0].seen.is_set()
 
 
-def test_localhost_is_this_computer_too(served: tuple[PageServer, Heard]) -> None:
-    host, token = address(served[0].url)
-    named = host.replace("127.0.0.1", "localhost")
-    with page_of(f"http://{named}/#{token}"):
-        until(lambda: served[0].pages == 1)
-
-
-def test_kept_messages_come_first_and_to_everyone(served: tuple[PageServer, Heard]) -> None:
-    server, _ = served
-    server.keep("setup", encode("setup", {"number": 1}))
-    server.publish(frame(0))  # nobody is there: it is dropped
-    with page_of(server.url) as first:
-        assert first.receive()["number"] == 1
-        server.keep("setup", encode("setup", {"number": 2}))
-        assert first.receive()["number"] == 2
-        with page_of(server.url) as second:
-            assert second.receive()["number"] == 2
-            server.publish(frame(3))
-            assert [page.frame()["number"] for page in (first, second)] == [3, 3]
-
-
 def test_a_slow_page_gets_the_newest_frame_only(served: tuple[PageServer, Heard]) -> None:
     server, _ = served
     with page_of(server.url) as page:
@@ -240,19 +219,6 @@ def test_whoever_publishes_never_waits_for_a_page_that_does_not_read(served: tup
         for _ in range(100):
             server.publish(large)
         server.close()  # ends, although the page still holds its connection
-
-
-def test_the_owner_hears_texts_and_that_the_last_page_has_gone(served: tuple[PageServer, Heard]) -> None:
-    server, heard = served
-    with page_of(server.url) as first:
-        with page_of(server.url) as second:
-            second.do("stop")
-            until(lambda: heard.texts == ['{"do": "stop"}'])
-        until(lambda: server.pages == 1)
-        assert not heard.gone.is_set()
-        first.set(xz=True)
-        until(lambda: len(heard.texts) == 2)
-    assert heard.gone.wait(PATIENCE)
 
 
 def test_a_cut_line_counts_as_gone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -328,12 +294,6 @@ def test_pictures_are_taken_only_if_they_were_asked_for(saving: bool) -> None:
         assert server.saved == ([b"picture"] if saving else [])
 
 
-def test_a_notebook_of_this_computer_may_frame_an_embedded_page() -> None:
-    with serving(embedded=True) as (server, _):
-        policy = get(server.url, "/").getheader("Content-Security-Policy", "")
-        assert "frame-ancestors http://localhost:* http://127.0.0.1:*" in policy
-
-
 HEAD = "Host: {host}\r\nOrigin: http://{host}\r\n"
 UPGRADE = (
     "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
@@ -388,20 +348,6 @@ def test_whatever_strangers_send_nothing_is_printed(
     assert get(served[0].url, "/").status == 200
     until(lambda: served[0].pages == 0)
     assert capsys.readouterr().err == ""
-
-
-def test_what_fails_in_the_loop_is_told_once_and_in_plain_words(
-    served: tuple[PageServer, Heard], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log_nowhere(monkeypatch)
-
-    def fail() -> None:
-        raise OSError(24, "Too many open files")
-
-    for _ in range(3):
-        served[0]._call(fail)
-    assert get(served[0].url, "/").status == 200
-    assert capsys.readouterr().err == "the page's server is in trouble: Too many open files\n"
 
 
 @pytest.mark.parametrize(

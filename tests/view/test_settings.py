@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.view.settings import GROUPS, RANGES, Choices, HandSetting, ObjectSetting, Settings
+from phasewire.view.settings import GROUPS, RANGES, Choices, Settings
 
 ALL = Choices(frozenset(GROUPS), 320, ("wgs", "multiplex"), ("pressure", "phase"), ("cube", "sphere"))
 NAMES = [name for names in GROUPS.values() for name in names]
@@ -45,13 +45,6 @@ def test_numbers_are_taken_within_their_range_only(data: st.DataObject) -> None:
         Settings().changed({name: outside}, ALL)
 
 
-def test_hand_and_objects_are_read_with_their_defaults() -> None:
-    sphere = {"kind": "sphere", "x": 0.02}
-    changed = Settings().changed({"hand": {"z": 0.2}, "objects": [sphere]}, ALL)
-    assert changed.hand == HandSetting(z=0.2)
-    assert changed.objects == (ObjectSetting("sphere", x=0.02),)
-
-
 @pytest.mark.parametrize(
     ("values", "said"),
     [
@@ -71,10 +64,3 @@ def test_hand_and_objects_are_read_with_their_defaults() -> None:
 def test_what_is_wrong_is_said_with_what_would_be_right(values: dict[str, Any], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         Settings().changed(values, ALL)
-
-
-def test_a_session_that_only_watches_lets_only_the_view_be_set() -> None:
-    watching = Choices(frozenset({"view"}), 320, ("wgs",), ("pressure",))
-    assert Settings().changed({"xz": True}, watching).xz
-    with pytest.raises(ValueError, match="only watches"):
-        Settings().changed({"amplitude": 0.5}, watching)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire import Device, Emulator, Mesh, TransducerArray, open_device, pressure
+from phasewire import Device, Emulator, Mesh, TransducerArray, open_device
 from phasewire.base.errors import DeviceLostError
 from phasewire.host.hands.frames import HandFrame
 from phasewire.host.hands.sources import PlayedHands, open_hands
@@ -98,16 +98,6 @@ def test_the_page_shows_the_bits_that_the_boards_played(stage: tuple[Session, Pa
         assert frame["source"] == "bits of the emulated boards"
 
 
-def test_a_hand_feels_the_object_at_its_points(stage: tuple[Session, Page]) -> None:
-    running, page = stage
-    frame = page.until(lambda message: sounding(message) and len(places(message)) > 4)
-    assert np.abs(places(frame)[:, 2] - 0.17).max() < 0.02
-    running.end()
-    played = running.drives(frame["period"] - 200, frame["period"] + 1)[::20]
-    strongest = np.max([np.abs(pressure(ARRAY, drive, places(frame))) for drive in played], axis=0)
-    assert strongest.mean() > 3 * np.abs(pressure(ARRAY, played[-1], [(0, 0, 0.25)]))[0]
-
-
 @pytest.mark.parametrize("hand", ["mouse:", "gesture:sweep"])
 def test_a_method_beside_itself_emits_the_same(hand: str) -> None:
     """Like with like: the bits of all fields of a moment's points, and what was solved for these."""
@@ -180,15 +170,6 @@ def test_a_stop_or_the_end_of_the_last_page_turns_the_outputs_off(how: str) -> N
         assert sounding_periods[-1] < len(loudness) - 10
         if how == "stop":  # at once, without the ramp of a hand that leaves
             assert loudness[sounding_periods[-1]] > 0.8 * loudness[sounding_periods].mean()
-
-
-def test_it_plays_again_after_a_stop(stage: tuple[Session, Page]) -> None:
-    _, page = stage
-    page.until(sounding)
-    page.do("stop")
-    page.until(lambda message: message["state"] == "stopped")
-    page.do("go")
-    page.until(sounding)
 
 
 @pytest.mark.slow
@@ -270,13 +251,6 @@ def test_method_and_frequency_begin_another_loop(stage: tuple[Session, Page]) ->
     assert lengths.max(initial=0) <= 400
 
 
-def test_spacing_places_more_points(stage: tuple[Session, Page]) -> None:
-    _, page = stage
-    few = len(places(page.until(lambda message: sounding(message) and len(places(message)) > 3)))
-    page.set(spacing=0.008, corners=False)
-    page.until(lambda message: len(places(message)) > few + 3)
-
-
 def test_a_fault_that_is_injected_is_seen_on_its_board(stage: tuple[Session, Page]) -> None:
     _, page = stage
     page.until(sounding)
@@ -300,22 +274,6 @@ def test_a_fault_that_is_none_is_refused(stage: tuple[Session, Page], fault: dic
     _, page = stage
     page.do("fault", fault=fault)
     assert said in page.notice()
-
-
-def test_the_page_can_build_every_fault_from_what_it_was_told(stage: tuple[Session, Page]) -> None:
-    from phasewire.emulator.faults import FAULTS
-    from phasewire.emulator.scenario import fault_of
-
-    _, page = stage
-    page.frame()
-    told = page.kept["setup"]["faults"]
-    assert {each["name"] for each in told} == set(FAULTS)
-    for fault in told:
-        entry = {"name": fault["name"]}
-        for field in fault["fields"]:
-            if field["default"] is None and not field["optional"]:
-                entry[field["name"]] = field["values"][0] if field["values"] else field["least"]
-        assert fault_of("test", entry).name() == fault["name"]
 
 
 def test_a_lost_device_is_said_and_play_tries_again(stage: tuple[Session, Page]) -> None:

@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses, open_device
-from phasewire.host.touching.fading import Fading
 from phasewire.host.touching.turns import Alternation
-from phasewire.protocol.quantise import PulseFrames
-from phasewire.view.snapshot import PlayedPose
-from phasewire.view.tap import _fields, _played, _plays
+from phasewire.view.tap import _fields, _plays
 
 
 @pytest.mark.parametrize(("count", "hold"), [(2, 100), (5, 7), (24, 17)])
@@ -24,19 +21,3 @@ def test_fields_in_turn_are_shown_in_their_order(count: int, hold: int) -> None:
             capture = emulator.capture()
             shown = _fields(_plays(capture, capture.periods - 1, Alternation(hold, begins, count)), count)
             np.testing.assert_allclose(shown, [frame.to_drive() for frame in frames], atol=1e-6)
-
-
-def test_a_moment_is_whole_if_each_of_its_fields_was_played_as_that_one() -> None:
-    solved = PulseFrames(np.zeros((2, 320), np.uint8), np.repeat(np.array([[24], [25]], np.uint8), 320, axis=1))
-    first, second = (solved.pulses(half).to_drive() for half in range(2))
-    pose = PlayedPose(Fading.nothing(), np.zeros((1, 320)), "wgs", solved)
-    older = Pulses(np.zeros(320, int), np.full(320, 23)).to_drive()
-    for plays, whole in (
-        ([(0, first), (1, second)], True),
-        ([(1, older), (0, first), (1, second)], True),  # the next moment has begun
-        ([(0, first), (1, older)], False),  # half-played
-        ([(1, first), (0, second)], False),
-        ([(0, first)], False),
-        ([], False),
-    ):
-        assert (_played(pose, plays) is not None) == whole

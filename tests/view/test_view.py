@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -27,8 +25,6 @@ from phasewire import (
 )
 from phasewire.view import Emitter, Snapshot, View
 from phasewire.view.settings import Settings
-from phasewire.view.snapshot import Waves
-from phasewire.view.view import IDLE_SECONDS
 
 from .pages import Message, Page, page_of
 
@@ -55,19 +51,6 @@ def page(view: View) -> Iterator[Page]:
 
 def emitted(frame: Message) -> Any:
     return frame.array("amplitude") / 255 * np.exp(2j * np.pi * frame.array("phase") / 256)
-
-
-def test_the_page_knows_the_array(page: Page) -> None:
-    page.frame()
-    setup = page.kept["setup"]
-    np.testing.assert_allclose(setup.array("positions"), ARRAY.positions, atol=1e-7)
-    board, processor, bit = (setup.array(name).astype(int) for name in ("board", "processor", "bit"))
-    np.testing.assert_array_equal(board * 64 + processor * 32 + bit, Wiring.strips().channels)
-    for name in ("cyclic", "sequential"):
-        assert setup.array(name).shape == (256, 3)
-    step = np.abs(np.diff(setup.array("cyclic").astype(int), axis=0, append=setup.array("cyclic")[:1])).max()
-    assert step < 20  # it closes
-    assert setup["device"] == "the array"
 
 
 def test_what_is_given_is_what_the_page_gets(view: View, page: Page, solution: Solution) -> None:
@@ -186,15 +169,6 @@ def test_it_goes_back_to_what_was(view: View, page: Page) -> None:
     assert page.until(lambda message: message["live"])["period"] == 5000
 
 
-def test_waves_are_shown_with_the_pins_names(view: View, page: Page) -> None:
-    bits = np.random.default_rng(1).integers(0, 2, (150, 2)).astype(np.uint8)
-    view.show(Snapshot(np.zeros((1, 320)), waves=Waves((0, 319), 500, bits)))
-    frame = page.until(lambda message: message["waves"] is not None)
-    assert frame["waves"]["first"] == 500
-    assert re.fullmatch(r"0: b0p0_\d\d", frame["waves"]["names"][0])
-    np.testing.assert_array_equal(frame.array("waves"), bits)
-
-
 def test_a_calibration_is_told() -> None:
     calibration = Calibration(np.full(320, 0.8), np.full(320, -12.0), -np.ones(320), np.zeros(320))
     with View(Emitter(ARRAY, calibration=calibration), settings=Settings(pick=3)) as view, page_of(view.url) as page:
@@ -261,22 +235,6 @@ def test_it_ends_with_pages_open_and_twice(view: View, page: Page) -> None:
     view.close()
     with pytest.raises(ValueError, match="closed"):
         view.update(np.zeros(320))
-
-
-def test_without_a_page_nothing_is_painted(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
-    painted = threading.Event()
-    real = view._frame
-
-    def frame() -> bytes:
-        painted.set()
-        return real()
-
-    monkeypatch.setattr(view, "_frame", frame)
-    view.show(Snapshot(np.zeros((1, 320))))
-    assert not painted.wait(3 * IDLE_SECONDS)
-    with page_of(view.url) as page:
-        page.frame()
-    assert painted.is_set()
 
 
 def test_an_error_of_painting_is_said_once_and_the_next_frame_comes(

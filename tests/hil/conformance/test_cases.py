@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 from phasewire.hil.conformance.cases import case, expect
-from phasewire.protocol.codes import DfuState, Fault, Reason, Request, State
-from phasewire.protocol.requests import Setup
+from phasewire.protocol.codes import DfuState, Fault, Reason, State
 
 
 @pytest.mark.parametrize(
@@ -27,19 +26,6 @@ def test_codes_are_shown_by_name(seen: object, wanted: object, said: str) -> Non
     with pytest.raises(AssertionError) as error:
         expect("it", seen, wanted)
     assert str(error.value) == said
-
-
-@pytest.mark.parametrize(
-    ("setup", "name"),
-    [
-        (Setup(0xC0, Request.INFO, 0, 0, 64), "INFO"),
-        (Setup(0x81, 0, 0, 0, 2), "GET_STATUS"),
-        (Setup(0xA1, 3, 0, 0, 6), "request 3 of type A1"),
-        (Setup(0xC0, 250, 0, 0, 6), "request 250 of type C0"),
-    ],
-)
-def test_a_request_has_a_name(setup: Setup, name: str) -> None:
-    assert setup.name == name
 
 
 def test_a_case_asks_for_a_revision_in_which_one_of_its_clauses_changed() -> None:

@@ -61,14 +61,6 @@ def test_chapters_have_their_titles() -> None:
     assert clauses()["BLK-003"].chapter == "BLK"
 
 
-def test_a_name_of_several_musts_or_of_none_is_a_clause() -> None:
-    assert resolve("BLK-005") is clauses()["BLK-005"]
-    assert resolve("BLK-012") is clauses()["BLK-012"]
-    assert "BLK-005" not in requirements()
-    assert len(clauses()["BLK-005"].requirements) == 2
-    assert not clauses()["BLK-012"].requirements
-
-
 @pytest.mark.parametrize(
     ("name", "hint"),
     [

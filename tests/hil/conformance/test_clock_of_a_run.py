@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from itertools import count
 
 import pytest
@@ -12,10 +11,9 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.mutants.patching import Patch
 from phasewire.hil.conformance.mutants.seams import one_by_one
 from phasewire.hil.conformance.running import RunOptions, open_bench, run_conformance
-from phasewire.hil.conformance.transports.watch import ClockWatch
 from phasewire.hil.conformance.verdicts import Verdict
 from phasewire.protocol.board import CARRIER_HZ, TICK_HZ
-from phasewire.protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, AckFlag, Reason, Request, State
+from phasewire.protocol.codes import REQUEST_TYPE_IN, AckFlag, Reason, Request, State
 from phasewire.protocol.replies import Ack, ClockReading
 from phasewire.protocol.requests import Setup
 
@@ -52,39 +50,6 @@ def test_a_wait_is_bounded_by_what_was_asked(
     with pytest.raises(AssertionError, match=r"the clock does not reach tick \d+: it named tick 4294967296 before"):
         bench.wait_until(period)
     assert bench.line.time.monotonic() - began < 3
-
-
-def test_a_device_that_is_slow_is_waited_for(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its clock moves on, at a fiftieth of the time of the host."""
-    monkeypatch.setattr(Bench, "is_far", True)
-    set_clock(monkeypatch, lambda tick: tick // 50)
-    period = bench.period() + CARRIER_HZ // 4
-    bench.wait_until(period)
-    assert bench.period() >= period
-
-
-def test_what_is_asked_later_names_no_earlier_tick() -> None:
-    """Records wait in the device, so that only those of one kind are in order; each fault is said once."""
-    watch = ClockWatch()
-
-    def answer(tick: int, told: tuple[int, str] | None = None) -> list[str]:
-        watch.answered(CLOCK, ClockReading(tick, 0, 1).encode(), told or watch.told)
-        return watch.wrong
-
-    assert answer(1000) == []
-    watch.came("a", ACK.encode())
-    watch.came("b", replace(ACK, now=400).encode())
-    assert watch.wrong == []
-    asked = watch.told
-    watch.came("a", replace(ACK, now=1100).encode())
-    assert answer(1050, asked) == []
-    assert answer(1050) == [
-        "the clock went back (TIM-002): CLOCK names tick 1050, 50 less than block 3's ACK before it; should be no less"
-    ]
-    assert len(answer(1060)) == 1
-    watch.begin()
-    watch.answered(Setup(REQUEST_TYPE_OUT, Request.RESET, 0, 0, 0), b"", watch.told)
-    assert answer(5) == []
 
 
 def test_a_clock_that_goes_back_fails_the_case_in_which_it_is_seen_alone(monkeypatch: pytest.MonkeyPatch) -> None:

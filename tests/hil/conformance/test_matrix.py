@@ -10,8 +10,6 @@ from phasewire.hil.conformance.matrix import Claim, Level, Matrix, MatrixRow
 from phasewire.hil.conformance.unobserved import REASONS
 from rich.console import Console
 
-from tests import specification
-
 FLIPPED = Claim("blocks/flipped[update]", ("BLK-003", "BLK-005/2"), "A flipped bit is refused.")
 WHOLE = Claim("blocks/late", ("BLK-005", "BLK-012"), "A late change plays.")
 
@@ -21,16 +19,6 @@ def rows(matrix: Matrix, clause: str) -> tuple[MatrixRow, ...]:
         each.rows for chapter in matrix.chapters for each in chapter.clauses if each.clause.identifier == clause
     )
     return found
-
-
-def test_it_holds_every_clause_in_the_order_of_the_text() -> None:
-    matrix = Matrix.of(())
-    held = [each.clause.identifier for chapter in matrix.chapters for each in chapter.clauses]
-    assert held == specification.clauses()
-    assert [chapter.name for chapter in matrix.chapters] == list(dict.fromkeys(name[:3] for name in held))
-    assert matrix.chapters[2].title == "blocks"
-    assert [row.name for row in matrix.requirements()] == list(requirements())
-    assert all(each.rows for chapter in matrix.chapters for each in chapter.clauses)
 
 
 def test_a_case_stands_where_it_is_named_for() -> None:
@@ -45,11 +33,6 @@ def test_a_case_stands_where_it_is_named_for() -> None:
     assert "MUST" not in others.sentence
     (update,) = rows(matrix, "BLK-012")
     assert (update.level, update.cases) == (Level.NONE, ("blocks/late",))
-
-
-def test_cases_keep_their_order_and_a_name_given_twice_counts_once() -> None:
-    matrix = Matrix.of([Claim("b/two", ("BLK-003", "BLK-003"), "Two."), Claim("a/one", ("BLK-003",), "One.")])
-    assert rows(matrix, "BLK-003")[0].cases == ("b/two", "a/one")
 
 
 def test_recommendations_have_rows_of_their_own() -> None:
@@ -79,12 +62,6 @@ def test_a_reason_for_what_a_case_shows_is_needless() -> None:
     assert not Matrix.of([FLIPPED]).needless()
 
 
-def test_a_case_may_show_the_rest_of_a_clause_whose_must_binds_hosts() -> None:
-    must, rest = rows(Matrix.of([Claim("usb/functions", ("USB-005",), "Three functions.")]), "USB-005")
-    assert (must.level, must.cases, must.reason) == (Level.MUST, (), REASONS["USB-005"])
-    assert (rest.level, rest.cases) == (Level.NONE, ("usb/functions",))
-
-
 def test_an_unknown_name_is_refused_with_its_case() -> None:
     with pytest.raises(ValueError, match=r"^blocks/odd: BLK-005/3: .* BLK-005 has BLK-005/1, BLK-005/2$"):
         Matrix.of([Claim("blocks/odd", ("BLK-005/3",), "Odd.")])
@@ -94,19 +71,6 @@ def test_an_unknown_name_is_refused_with_its_case() -> None:
 def test_a_reason_for_no_requirement_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match=f"reasons for {name}: only requirements"):
         Matrix.of((), {name: "Because."})
-
-
-def test_counts() -> None:
-    matrix = Matrix.of([FLIPPED, WHOLE], {"BLK-005/2": "Nobody looks.", "BLK-009": "Nobody waits."})
-    assert matrix.counts() == {
-        "clauses": len(specification.clauses()),
-        "requirements": len(requirements()),
-        "with_a_case": 2,
-        "with_a_reason": 2,
-        "missing": len(requirements()) - 3,
-        "needless": 1,
-        "cases": 2,
-    }
 
 
 def test_its_record_is_json_and_whole() -> None:

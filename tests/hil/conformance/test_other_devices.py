@@ -18,7 +18,7 @@ from phasewire.emulator.door import Stall
 from phasewire.emulator.interfaces import usb_device, usb_functions
 from phasewire.hil.conformance import running
 from phasewire.hil.conformance.mutants.patching import Patch
-from phasewire.hil.conformance.running import RunOptions, open_bench, run_conformance
+from phasewire.hil.conformance.running import RunOptions, run_conformance
 from phasewire.hil.conformance.tools.steps import features_of
 from phasewire.hil.conformance.verdicts import Result, Verdict
 from phasewire.protocol.blocks import Body
@@ -184,14 +184,6 @@ def results(device: Device, url: str, groups: tuple[str, ...]) -> list[Result]:
 def broken(found: list[Result]) -> list[str]:
     """The cases that fail, or warn, and why."""
     return [f"{one.case} {one.verdict}: {one.reason}" for one in found if one.verdict in (Verdict.FAIL, Verdict.WARN)]
-
-
-@pytest.mark.parametrize(("device", "url", "_", "fields"), DEVICES, ids=NAMES)
-def test_the_devices_say_how_they_differ(device: Device, url: str, _: object, fields: dict[str, object]) -> None:
-    with being(device), open_bench(RunOptions(url)) as bench:
-        assert {name: getattr(bench.info, name) for name in fields} == fields
-    with open_bench(RunOptions(url)) as bench:
-        assert all(getattr(bench.info, name) != value for name, value in fields.items() if name != "link_wires")
 
 
 @pytest.mark.slow

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from phasewire.base.errors import InputFileError
 from phasewire.hil.conformance.profile import Profile, read_profile
 from phasewire.protocol.codes import PROTOCOL_REVISION
-from phasewire.protocol.wiring import Wiring
 
 WHOLE = """
 name = "revision C"
@@ -47,14 +45,6 @@ def test_everything_that_a_profile_says_is_read(whole: Profile) -> None:
     assert (whole.name, whole.vendor, whole.product) == ("revision C", 0x1209, 0xF00D)
     assert whole.probes == {"D0": "b2p1_07", "D1": "t0"}
     assert whole.revision == 1
-
-
-def test_a_name_is_enough(file: Path) -> None:
-    file.write_text('name = "plain"', encoding="utf-8")
-    profile = read_profile(file)
-    assert profile == Profile("plain")
-    assert (profile.vendor, profile.product) == (None, None)
-    assert profile.reason_for("blocks/a", "blocks", ("BLK-003",)) is None
 
 
 @pytest.mark.parametrize("written", ["0", str(PROTOCOL_REVISION + 1), '"1"', "true"])
@@ -101,11 +91,6 @@ def test_what_does_not_apply_has_its_reason(
     assert whole.reason_for(case, case.partition("/")[0], clauses) == reason
 
 
-def test_a_transducer_s_probe_sits_where_the_device_is_wired(whole: Profile) -> None:
-    turned = Wiring(np.roll(np.arange(320), -5))  # transducer 0 at channel 5
-    assert whole.channels(turned) == {"D0": (2 * 2 + 1) * 32 + 7, "D1": 5}
-
-
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
@@ -138,14 +123,3 @@ def test_what_is_wrong_is_named_with_the_file(file: Path, text: str, complaint: 
         read_profile(file)
     assert str(caught.value).startswith(str(file))
     assert complaint in str(caught.value)
-
-
-def test_a_file_in_another_encoding_is_no_toml(file: Path) -> None:
-    file.write_bytes('name = "Gerät"'.encode("latin-1"))
-    with pytest.raises(InputFileError, match="is no text in UTF-8"):
-        read_profile(file)
-
-
-def test_a_file_that_is_not_there_is_an_error_of_the_system(file: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        read_profile(file)

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-import usb.core
-import usb.util
 from phasewire.base.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from phasewire.emulator import Emulator
 from phasewire.hil.conformance.cases import Inconclusive
 from phasewire.hil.conformance.tools.frames import console_frame, request_frame
 from phasewire.hil.conformance.transports.serial import CdcWire, PortWire, RawSerialLine
 from phasewire.hil.conformance.transports.usb import RawUsbLine
-from phasewire.host.transports.usb_find import UsbFinder
 from phasewire.protocol.codes import FrameKind, Request
 from phasewire.protocol.framing import LineMode
 from phasewire.protocol.replies import Info, Status
@@ -32,23 +29,6 @@ def line(request: pytest.FixtureRequest) -> Iterator[RawSerialLine]:
         opened = RawSerialLine(wire)
         yield opened
         opened.close()
-
-
-def test_all_interfaces_are_held_while_the_line_is_open() -> None:
-    """A kernel warns if a program uses an interface without claiming it, and its serial driver must not have it."""
-    with Emulator() as emulator:
-        line = RawUsbLine(emulator.url)
-        other = UsbFinder(emulator.url).find().device
-        for interface in range(3):
-            with pytest.raises(usb.core.USBError, match="busy"):
-                usb.util.claim_interface(other, interface)
-        for anew in (line.set_configuration, line.reset):
-            anew()
-            with pytest.raises(usb.core.USBError, match="busy"):
-                usb.util.claim_interface(other, 2)
-        line.close()
-        for interface in range(3):
-            usb.util.claim_interface(other, interface)
 
 
 @pytest.mark.parametrize(
@@ -89,12 +69,6 @@ def test_a_missing_or_closed_port_is_an_error() -> None:
             wire.write(b"x")
         wire.reopen(1)
         RawSerialLine(wire).enter_frames()
-
-
-def test_only_a_uart_has_a_break() -> None:
-    with Emulator() as emulator:
-        assert PortWire(f"{emulator.url}?door=serial").has_break
-        assert not CdcWire(RawUsbLine(emulator.url)).has_break
 
 
 def test_a_pseudo_terminal_and_a_socket_cannot_hang_up() -> None:

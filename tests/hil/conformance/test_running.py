@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import sys
@@ -221,22 +220,6 @@ def test_evidence_ends_with_the_decisive_piece_and_the_rest_is_clean_up(groups: 
     assert [each.label for each in looks.evidence if each.after] == ["STATUS", "status at the end"]
 
 
-@pytest.mark.parametrize(
-    ("only", "names"),
-    [
-        ("some-things", 9),
-        ("some-things/that-f", 1),
-        ("ACK", 1),
-        ("ACK-001", 1),
-        ("BLK-020", 9),
-        ("some-things/of-kinds[two]", 1),
-        ("wheels", 0),
-    ],
-)
-def test_only_what_was_asked_for_runs(groups: Path, only: str, names: int) -> None:
-    assert len(run_group(groups, "some_things", ALL_VERDICTS, only=(only,)).results) == names
-
-
 def test_a_run_may_end_when_enough_broke(groups: Path) -> None:
     run = run_group(groups, "some_things", ALL_VERDICTS, enough=2)
     assert sum(result.breaks for result in run.results) == 2
@@ -444,24 +427,6 @@ def test_a_device_that_is_lost_is_brought_back_if_that_is_allowed(groups: Path) 
     assert not run.passed
 
 
-def test_a_watcher_hears_of_every_case(groups: Path) -> None:
-    write(groups, "some_things", ALL_VERDICTS)
-    told: list[tuple[object, ...]] = []
-
-    class Told(Watcher):
-        def began(self, case: str, number: int, of: int) -> None:
-            told.append((case, number, of))
-
-        def ended(self, result: Result) -> None:
-            told.append((result.case,))
-
-    run = run_conformance(RunOptions("emulator:"), Told())
-    names = [result.case for result in run.results]
-    assert told == [
-        entry for number, name in enumerate(names, start=1) for entry in ((name, number, len(names)), (name,))
-    ]
-
-
 DRIVING = '''
 @case("SAF-006")
 def test_too_much(bench: Bench) -> None:
@@ -505,24 +470,6 @@ def test_pytest_that_cannot_begin_is_trouble_of_the_run(
     assert "missing" in capfd.readouterr().err
     with pytest.raises(RuntimeError, match="could not begin"):
         catalogue()
-
-
-def test_a_spare_device_breaks_alone(groups: Path) -> None:
-    (result,) = run_group(
-        groups,
-        "spare",
-        '''
-        @case("SAF-008", needs=(Need.SPARE,))
-        def test_spare(bench: Bench) -> None:
-            """Only the spare one breaks."""
-            with bench.spare() as other:
-                other.levers.cause(faults.DeadBoard(board=2))
-                other.wait(0.1)
-                expect("the spare one", other.status().state, State.FAULT)
-            expect("the device", bench.status().state, State.OFF)
-        ''',
-    ).results
-    assert (result.verdict, result.reason) == (Verdict.PASS, "")
 
 
 LEAVING = '''
@@ -684,11 +631,6 @@ def test_a_second_try_begins_with_a_restart_and_the_report_says_how_to_run_it_ag
     assert advice(run.results[0]) == run.results[0].run_again == ""
 
 
-def test_a_case_is_run_once_if_that_is_asked_for(groups: Path) -> None:
-    run = run_group(groups, "flaky", FLAKY, again=False, only=("flaky/now",))
-    assert [result.tally for result in run.results] == ["failed 1 of 1"]
-
-
 def test_a_missing_acknowledgement_is_reported_with_the_counter_that_moved(
     groups: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -725,13 +667,6 @@ def test_a_case_that_cannot_be_judged_sends_nothing(groups: Path, monkeypatch: p
     run = run_conformance(RunOptions("emulator:?door=serial", capture="none", allowed=frozenset({Risk.DRIVE})))
     assert begun == ["gated/a-fault", "later/it"]
     assert run.passed
-
-
-def test_the_load_of_the_computer_stands_in_the_provenance(groups: Path) -> None:
-    provenance = run_group(groups, "gated", GATED).provenance
-    assert provenance.cores == os.cpu_count()
-    assert provenance.load is not None
-    assert all(load >= 0 for load in provenance.load)
 
 
 def test_a_mistake_of_the_suite_is_trouble(groups: Path) -> None:

@@ -68,10 +68,6 @@ def test_every_case_has_a_name_of_its_own_and_says_in_one_or_two_sentences_what_
         assert len(re.findall(r"\.(?= [A-Z])", sentence)) <= 1, f"{entry.identifier}: {sentence}"
 
 
-def test_no_file_of_a_group_is_without_cases(entries: list[CatalogueCase]) -> None:
-    assert {entry.group for entry in entries} == {*NAMES}
-
-
 # A sound device
 
 YOUNG = "the device has been on for too short a time: N periods are left"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -20,15 +19,6 @@ PROCESSORS, EARLY, DRIVE, PRESSURE = range(4)
 
 def verdicts(run: EndToEnd) -> list[bool]:
     return [check.passed for check in run.checks()]
-
-
-def test_the_sphere_arrives(sphere_solution: Solution, emulator: Emulator) -> None:
-    run = run_end_to_end(sphere_solution, emulator)
-    assert run.passed
-    np.testing.assert_allclose(run.rebuilt, run.nearest, atol=1e-12)
-    felt = np.abs(run.pressures(run.rebuilt))
-    wanted = np.abs(run.pressures(sphere_solution.drive))
-    assert np.abs(felt - wanted).max() / wanted.max() < 0.03
 
 
 @settings(max_examples=15)
@@ -64,15 +54,6 @@ def test_a_flipped_sign_of_phase_is_red(
     assert [verdicts(run)[check] for check in (PROCESSORS, EARLY, DRIVE, PRESSURE)] == [True, True, False, False]
 
 
-@pytest.mark.parametrize("board", range(5))
-def test_one_board_a_tick_late_is_red(sphere_solution: Solution, board: int) -> None:
-    with Emulator(clock_offset_ticks={board: 1}) as emulator:
-        run = run_end_to_end(sphere_solution, emulator)
-    assert not run.passed
-    assert run.checks()[PROCESSORS].value == 2
-    assert not verdicts(run)[DRIVE]
-
-
 def test_outputs_that_sound_too_early_are_red(sphere_solution: Solution, emulator: Emulator) -> None:
     run = run_end_to_end(sphere_solution, emulator)
     early = replace(run, ack=replace(run.ack, commit_period=run.ack.commit_period + 1))
@@ -88,19 +69,6 @@ def test_a_solution_for_another_array_is_refused(emulator: Emulator) -> None:
 def test_what_quantisation_explains_is_within_its_closed_bound(magnitude: float, angle: float) -> None:
     drive = np.array([magnitude * np.exp(1j * angle)])
     assert np.abs(nearest_emission(drive) - drive)[0] <= quantisation_bound(magnitude)
-
-
-def test_the_record_is_json_and_says_what_the_run_says(sphere_solution: Solution, emulator: Emulator) -> None:
-    run = run_end_to_end(sphere_solution, emulator)
-    record = json.loads(json.dumps(run.record(), allow_nan=False))
-    assert record["verdict"] == "pass"
-    assert all(check["passed"] for check in record["checks"])
-    assert len(record["rebuilt_pressure_pa"]) == len(sphere_solution.points)
-    drive, phase, amplitude, at_points = (row["rebuilt"] for row in record["differences"])
-    assert drive == pytest.approx(np.abs(run.rebuilt - sphere_solution.drive).max())
-    assert 0 < phase <= 3.7
-    assert 0 < amplitude <= quantisation_bound(np.sqrt(0.5))
-    assert 0 < at_points < 3
 
 
 def test_the_smallest_error_in_one_drive_is_red(sphere_solution: Solution, emulator: Emulator) -> None:

@@ -98,19 +98,3 @@ def test_a_place_is_pushed_at_the_frequency_that_theory_says(way: str, strongest
     assert max(parts, key=lambda hertz: parts[hertz]) == strongest
     assert parts[50.0] < 0.05 * parts[100.0]
     assert parts[150.0] < 0.05 * parts[100.0]
-
-
-def test_a_place_on_a_drawn_line_is_pushed_at_the_harmonics_of_the_round() -> None:
-    ring = Circle(radius=0.02)
-    cycle = render(ARRAY, ring, "stm:speed=12.566")  # 100 rounds/s
-    assert cycle.periods == 400
-    emulator, first = played(cycle, SETTLED + 800)
-    place = ring.sample().positions[:1]
-    playback, begin = Playback(emulator.capture(), ARRAY), first + SETTLED
-    pushed = [
-        float(playback.intensity_component(place, hertz, begin, begin + 800)[0]) for hertz in (100, 200, 300, 400)
-    ]
-    between = [float(playback.intensity_component(place, hertz, begin, begin + 800)[0]) for hertz in (50, 150, 250)]
-    # A focus as wide as a tenth of the round makes its harmonics fall slowly.
-    assert min(pushed) > 0.3 * max(pushed)
-    assert max(between) < 0.02 * max(pushed)

@@ -78,40 +78,6 @@ def test_a_constant_drive_rings_up_to_the_steady_state(emulator: Emulator, reson
     np.testing.assert_allclose(emitted.duty, np.tile(pulses.width / 50, (600, 1)), atol=1e-7)
 
 
-def test_a_stretch_remembers_what_was_before_it(array: TransducerArray, tune: tuple[int, Capture]) -> None:
-    begin, capture = tune
-    whole, later = (
-        emitted_waves(capture, array, begin, begin + 650),
-        emitted_waves(capture, array, begin + 600, begin + 650),
-    )
-    assert later.first == begin + 600
-    np.testing.assert_allclose(later.waves, whole.waves[600:], atol=1e-6)
-    np.testing.assert_array_equal(later.pulses, whole.pulses[600:])
-
-
-def test_a_capture_that_has_forgotten_its_beginning_begins_at_rest(array: TransducerArray) -> None:
-    with Emulator(history_periods=200) as emulator, open_device(emulator.url) as device:
-        for seed in range(40):
-            device.show(some_pulses(seed))
-            emulator.run(40)
-        capture = emulator.capture()
-    first = -(-capture.start_tick // 50)
-    assert first > 0
-    emitted = emitted_waves(capture, array, first, capture.periods)
-    assert not emitted.waves[0].any()
-    assert np.abs(emitted.waves[-1]).max() > 0.9
-    with pytest.raises(ValueError, match=f"periods {first - 1} to {first} are not within the captured {first} to"):
-        emitted_waves(capture, array, first - 1, first)
-
-
-def test_duty_and_moment_are_those_of_the_bits(array: TransducerArray, tune: tuple[int, Capture]) -> None:
-    begin, capture = tune
-    emitted = emitted_waves(capture, array, begin - 5, begin + 40)
-    np.testing.assert_allclose(emitted.pulses, measured(capture, begin - 5, begin + 40), atol=1e-7)
-    assert not emitted.pulses[:5].any()
-    assert np.ptp(emitted.pulses.imag) > 0.2
-
-
 def test_pins_that_are_held_and_clocks_that_are_wrong_have_the_duty_and_moment_of_their_bits(
     array: TransducerArray, scrambled: Wiring
 ) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from phasewire.emulator.ports.amplifier import FULL_DRIVE_V, Amplifier
-from phasewire.hil.sound.ringing import Emission, ResonatorBank, words_of
+from phasewire.hil.sound.ringing import Emission, ResonatorBank
 from phasewire.solver.acoustics.resonator import OnePole, Resonator
 
 TICK = 0.5e-6
@@ -97,24 +97,6 @@ def test_after_an_emission_the_states_are_exact() -> None:
         np.testing.assert_allclose(bank._state, expected(capture, 0, period)[-1], rtol=1e-6, atol=1e-7)
 
 
-def test_repeated_periods_share_few_waveforms_and_others_none() -> None:
-    (shared,) = ResonatorBank(played(5, *(REPEATED * 3)), AMPLIFIER, resonance(), 0).emit_until(108)
-    assert shared.shares is not None
-    assert len(shared.states) < 25
-    assert all(
-        piece.shares is None for piece in ResonatorBank(played(5, *FRESH), AMPLIFIER, resonance(), 0).emit_until(45)
-    )
-
-
-def test_silence_is_silent_until_something_plays() -> None:
-    (piece,) = ResonatorBank(played(6, *((0,) * 20), *((1,) * 20)), AMPLIFIER, resonance(), 0).emit_until(40)
-    assert piece.shares is not None
-    assert not piece.shares[:20].any()
-    assert piece.shares[20:].any(axis=1).all()
-    (nothing,) = ResonatorBank(played(6, *((0,) * 20)), AMPLIFIER, resonance(), 0).emit_until(20)
-    assert nothing.states.shape == (0, 320, 51)
-
-
 @pytest.mark.parametrize(
     "order", [REPEATED, FRESH, (1,) * 16, (0,) * 16], ids=["repeated", "fresh", "steady", "silent"]
 )
@@ -139,11 +121,3 @@ def test_what_is_heard_is_the_weighted_sum_of_delayed_states(order: tuple[int, .
         found = sound[point, :fresh].ravel()
         np.testing.assert_allclose(found, heard[50:][: len(found)], atol=1e-5 * max(np.abs(heard).max(), 1))
     assert (sound[:, fresh:] == 7).all()
-
-
-def test_outputs_are_low_before_a_capture_and_after_it() -> None:
-    capture = played(9, 1, 2)
-    np.testing.assert_array_equal(words_of(capture, -3, 102)[3:103], capture.words)
-    assert not words_of(capture, -3, 102)[[0, 1, 2, 103, 104]].any()
-    assert not words_of(capture, 200, 205).any()
-    assert not words_of(capture, -9, -4).any()

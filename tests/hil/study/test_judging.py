@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
-from phasewire.base.errors import MissingExtraError
 from phasewire.hil.study.judging import (
     PAPER_TRIALS,
     TABLE_1,
@@ -91,20 +88,6 @@ def test_only_what_may_be_answered_is() -> None:
     assert set(said.tolist()) == {"cube", "sphere"}
 
 
-def test_the_same_seed_gives_the_same_answers() -> None:
-    features = np.random.default_rng(5).standard_normal((60, 4))
-    labels, persons = np.tile(SHAPES, 20).tolist(), np.repeat(np.arange(4), 15).tolist()
-    first, second = (judged(features, labels, persons, seed=7).tolist() for _ in range(2))
-    assert first == second
-
-
 def test_one_person_cannot_be_judged() -> None:
     with pytest.raises(ValueError, match=r"1 person cannot be divided"):
         judged(np.zeros((2, 1)), ["cube", "sphere"], [0, 0])
-
-
-def test_without_scikit_learn_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("sklearn", "sklearn.ensemble", "sklearn.model_selection"):
-        monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(MissingExtraError, match=r"\[study\]"):
-        judged(np.zeros((2, 1)), ["cube", "sphere"], [0, 1])

@@ -11,7 +11,6 @@ from phasewire.feel.unfolding import SkinPatch, Unfolded
 from phasewire.hil.sound.emission import emitted_waves
 from phasewire.hil.study.noticing import (
     BLUR,
-    CELL,
     HAND_ERROR,
     WEBER,
     blurred,
@@ -98,16 +97,6 @@ def test_what_is_below_the_threshold_is_not_noticed() -> None:
     assert (noticed(np.full(10_000, 1.0), chance) > 0).mean() == pytest.approx(0.5, abs=0.02)
     found = noticed(np.full(10_000, 2.0), chance)
     assert (found[found > 0] >= 1).all()
-
-
-def test_cells_are_small_and_take_means() -> None:
-    cells = cells_of(PATCH)
-    np.testing.assert_allclose(cells.sum(axis=1), 1)
-    places = cells @ PATCH.positions
-    for cell, place in zip(cells, places, strict=True):
-        inside = PATCH.positions[cell > 0]
-        assert np.ptp(inside, axis=0).max() < CELL
-        np.testing.assert_allclose(inside.mean(axis=0), place, atol=1e-12)
 
 
 def test_the_hand_seems_elsewhere_by_one_error_throughout_a_trial() -> None:

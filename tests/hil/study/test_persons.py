@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from phasewire.hil.study.persons import DESCENT, DESCENT_SECONDS, Person
+from phasewire.hil.study.persons import Person
 from phasewire.solver.contact.hand import LANDMARKS
 
 TIMES = np.arange(0, 3, 1e-3)
@@ -28,25 +28,6 @@ def test_hands_have_the_deviation_of_a_survey() -> None:
     assert abs(lengths - 0.1893).max() <= 0.0201
     sides = [Person.drawn(number, 0).side for number in range(2000)]
     assert sides.count("left") / 2000 == pytest.approx(0.1, abs=0.02)
-
-
-def test_paths_of_a_person_differ_by_their_phases_alone(person: Person) -> None:
-    one, other = person.explores(0), person.explores(1)
-    assert one.phase.tolist() == person.explores(0).phase.tolist()
-    assert one.phase.tolist() != other.phase.tolist()
-    assert one.pace.tolist() == other.pace.tolist()
-
-
-def test_a_path_is_smooth_and_comes_down(person: Person) -> None:
-    path = person.explores(3)
-    places = np.array([path.pose(time)[1] for time in TIMES])
-    speed = np.gradient(places, TIMES, axis=0)
-    most = 2 * np.pi * 0.6 * np.linalg.norm([0.06, 0.06, 0.06]) + DESCENT * np.pi / 2 / DESCENT_SECONDS
-    assert np.linalg.norm(speed, axis=1).max() < most
-    assert abs(np.gradient(speed, TIMES, axis=0)[2:-2]).max() < 5  # m/s²: no jump of the speed
-    assert places[0, 2] - path.middle[2] >= DESCENT - path.reach[2]
-    later = places[TIMES >= DESCENT_SECONDS]
-    assert (abs(later - path.middle) <= path.reach + 1e-12).all()
 
 
 def test_a_hand_moves_as_a_whole(person: Person) -> None:

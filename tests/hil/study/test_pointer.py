@@ -35,12 +35,6 @@ def test_the_pointer_pauses_at_corners_as_published() -> None:
     assert steps.max() < 1.01 * steps.min()
 
 
-def test_shapes_have_sides_of_6_cm() -> None:
-    for shape, height in (("circle", 0.06), ("square", 0.06), ("triangle", 0.06 * 0.75**0.5)):
-        size = np.ptp(walk(shape, 4000), axis=0)
-        np.testing.assert_allclose(size, [0.06, height, 0], atol=2e-4)
-
-
 def test_a_drawing_is_on_the_outline() -> None:
     for way in WAYS:
         levels = drawn_on_palm("circle", way)

@@ -3,7 +3,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,18 +10,6 @@ from phasewire.hil.sweep.design import FIELDS, RANGES, Design
 from phasewire.solver.methods.options import Options
 
 SOURCE = "circle:radius=0.03"
-
-
-def test_the_default_is_the_paper_s_array() -> None:
-    array = Design(source=SOURCE).array()
-    assert len(array) == 320
-    assert np.diff(array.positions[:2, 0]) == pytest.approx(0.0103)
-
-
-def test_an_array_has_the_fields_of_the_design() -> None:
-    array = Design(source=SOURCE, columns=3, rows=2, pitch_mm=12, transducer="MA40S4S-10Vrms", model="monopole").array()
-    assert np.ptp(array.positions, axis=0) == pytest.approx([0.024, 0.012, 0])
-    assert (array.transducer.strength, array.transducer.model) == (8.49, "monopole")
 
 
 def test_every_option_of_a_method_can_be_set_but_the_time_limit() -> None:

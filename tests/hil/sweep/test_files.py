@@ -6,8 +6,6 @@ import itertools
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from phasewire.base.errors import InputFileError
 from phasewire.hil.sweep.design import Design
 from phasewire.hil.sweep.files import MOST_ROWS, Sweep, read_sweep
@@ -75,23 +73,6 @@ def test_all_bad_rows_are_named_by_number_field_value_and_what_would_be_right() 
         f"  row 4: {wide}; {coarse}",
         f"  row 5: {wide}",
     ]
-
-
-@given(st.sets(st.integers(0, 30)))
-def test_rows_with_the_same_problem_stand_in_one_line_with_ranges(bad: set[int]) -> None:
-    lines = "".join(f"star,{'x' if row in bad else 10}\n" for row in range(31))
-    if not bad:
-        assert len(read("source,columns\n" + lines, "designs.csv")) == 31
-        return
-    first, line = refused("source,columns\n" + lines, "designs.csv").splitlines()
-    assert first == f"designs.csv: {len(bad)} of 31 rows cannot be computed"
-    numbers, _, problem = line.partition(": ")
-    named: set[int] = set()
-    for part in numbers.split(maxsplit=1)[1].split(", "):
-        begin, _, end = part.partition(" to ")
-        named |= set(range(int(begin), int(end or begin) + 1))
-    assert named == bad
-    assert problem == "columns is 'x'; it must be a whole number"
 
 
 @pytest.mark.parametrize(

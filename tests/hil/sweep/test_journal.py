@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from phasewire.base.errors import InputFileError
-from phasewire.hil.sweep.journal import Journal, RowResult, journal_path
+from phasewire.hil.sweep.journal import Journal, RowResult
 from phasewire.hil.sweep.measures import Measures
 
 ROWS = 9
@@ -57,12 +56,6 @@ def test_a_header_that_was_cut_begins_anew(tmp_path: Path) -> None:
             journal.add(3, RowResult(None, "why"))
         with Journal(tmp_path / "j", "abc", ROWS) as journal:
             assert journal.done == {3: RowResult(None, "why")}
-
-
-def test_a_journal_without_rows_does_not_stay(tmp_path: Path) -> None:
-    with Journal(tmp_path / "j", "abc", ROWS):
-        assert (tmp_path / "j").exists()
-    assert not (tmp_path / "j").exists()
 
 
 @pytest.mark.parametrize("content", [b"a text of mine", b"{}\n", b"\x89PNG\r\n\x1a\n", b"[" * 5000, b"null\n" * 3])
@@ -116,11 +109,3 @@ def test_a_damaged_row_is_measured_again_and_the_others_stay(damaged: str, tmp_p
     (tmp_path / "j").write_text("".join([*lines[:3], damaged + "\n", *lines[4:]]))
     with Journal(tmp_path / "j", "abc", ROWS) as journal:
         assert list(journal.done) == [0, 1, 3]
-
-
-def test_it_is_named_after_its_output_and_can_be_read_by_people(tmp_path: Path) -> None:
-    path = journal_path(tmp_path / "r.parquet")
-    assert path == tmp_path / "r.parquet.unfinished"
-    with Journal(path, "abc", ROWS) as journal:
-        journal.add(2, RowResult(Measures(1.5, 1.0, 0.1, None, 3, 40.0)))
-    assert json.loads(path.read_text().splitlines()[1]) == [2, [1.5, 1.0, 0.1, None, 3, 40.0], None]

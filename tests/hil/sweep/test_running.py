@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from phasewire.base.errors import ClusterError, ClusterNotFoundError, InputFileError
 from phasewire.hil.sweep import crews
-from phasewire.hil.sweep.design import FIELDS, Design
+from phasewire.hil.sweep.design import FIELDS
 from phasewire.hil.sweep.files import Sweep, read_sweep
 from phasewire.hil.sweep.journal import journal_path
 from phasewire.hil.sweep.measures import MEASURES, Measures, measure
@@ -118,23 +118,6 @@ def test_threads_end_with_the_bytes_of_one_row_after_the_other_and_have_a_page(s
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_run_goes_on_from_the_rows_that_are_done_and_a_whole_one_is_left_alone(sweep: Sweep, output: Path) -> None:
-    expected = alone(sweep, output)
-
-    def stop(done: int, total: int) -> None:
-        if done == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_sweep(sweep, output, on="serial", on_row=stop)
-    assert not output.exists()
-    assert run_sweep(sweep, output, on="serial") == SweepRun(3, 5, 1)
-    assert output.read_bytes() == expected
-    assert run_sweep(sweep, output) == SweepRun(8, 0, 0)  # without a worker
-    assert output.read_bytes() == expected
-
-
-@pytest.mark.usefixtures("quick")
 def test_a_whole_journal_only_needs_to_be_written(sweep: Sweep, output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -164,22 +147,6 @@ def test_another_sweep_replaces_neither_results_nor_a_journal(sweep: Sweep, outp
         run_sweep(sweep, output, on="serial")
 
 
-def test_a_row_that_fails_says_why_and_the_others_go_on(
-    sweep: Sweep, output: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(design: Design, points: Any) -> Measures:
-        if design.method == "min_norm":
-            raise np.linalg.LinAlgError("Singular matrix")
-        return Measures(1.0, 0.1, 0.2, None, 3, 40.0)
-
-    monkeypatch.setattr(crews, "measure", fails)
-    run_sweep(sweep, output, on="serial")
-    results = read_results(output)
-    bad = [row for row, design in enumerate(sweep.designs) if design.method == "min_norm"]
-    assert results.problems == dict.fromkeys(bad, "LinAlgError: Singular matrix")
-    assert np.flatnonzero(np.isnan(results.numbers("strength_pa"))).tolist() == bad
-
-
 def test_too_little_memory_is_no_property_of_a_row(sweep: Sweep, output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_: object) -> Measures:
         raise MemoryError
@@ -203,22 +170,6 @@ def test_too_little_memory_is_no_property_of_a_row(sweep: Sweep, output: Path, m
 def test_an_impossible_crew_is_refused(on: str, workers: int | None, says: str, sweep: Sweep, output: Path) -> None:
     with pytest.raises(ValueError, match=says):
         run_sweep(sweep, output, on=on, workers=workers)
-    assert not journal_path(output).exists()
-
-
-def test_an_output_that_cannot_be_written_is_named_before_anything_starts(sweep: Sweep, tmp_path: Path) -> None:
-    with pytest.raises(IsADirectoryError, match="it is a folder"):
-        run_sweep(sweep, tmp_path)
-    with pytest.raises(FileNotFoundError, match="there is no folder"):
-        run_sweep(sweep, tmp_path / "none" / "r.parquet")
-
-
-def test_an_address_at_which_nothing_answers_is_named(
-    sweep: Sweep, output: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(crews, "CONNECT_SECONDS", 0.3)
-    with pytest.raises(ClusterNotFoundError, match=r"no scheduler of Dask answers at tcp://127\.0\.0\.1:1: "):
-        run_sweep(sweep, output, on="tcp://127.0.0.1:1")
     assert not journal_path(output).exists()
 
 
@@ -273,17 +224,6 @@ def test_other_versions_are_said_plainly(who: str, package: str, theirs: str | N
         return
     with pytest.raises(ClusterError, match=says):
         crews._check_versions("tcp://a:1", found)
-
-
-def test_other_files_have_no_results(tmp_path: Path) -> None:
-    (tmp_path / "x.parquet").write_bytes(b"PAR1" + bytes(100) + b"PAR1")
-    with pytest.raises(InputFileError, match="has no results of a sweep"):
-        read_results(tmp_path / "x.parquet")
-    import pyarrow
-
-    parquet.write_table(pyarrow.table({"a": [1]}), tmp_path / "y.parquet")
-    with pytest.raises(InputFileError, match="has no results of a sweep"):
-        read_results(tmp_path / "y.parquet")
 
 
 # In processes

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from phasewire.base.errors import InputFileError
-from phasewire.hil.traffic.recordings import FORMATS, open_recording, read_recording
+from phasewire.hil.traffic.recordings import open_recording, read_recording
 from phasewire.hil.traffic.traffic import LARGEST_WHOLE_BYTES, Piece, Traffic
 from phasewire.hil.traffic.usbmon import UsbAddress
 from phasewire.protocol import framing
@@ -62,23 +62,6 @@ def test_what_is_no_recording_is_refused(data: bytes, message: str) -> None:
     assert str(refused.value).startswith(message)
 
 
-def test_a_stated_format_is_believed() -> None:
-    assert [piece.traffic for piece in read(b"whatever", "serial")] == [Traffic.TEXT]
-    assert [piece.traffic for piece in read(b"whatever", "chain")] == [Traffic.MESSAGE]
-    with pytest.raises(InputFileError, match="begins neither a pcap nor a pcapng file"):
-        read(b"whatever", "pcap")
-    with pytest.raises(ValueError, match="unknown format 'elf'; known are auto, blocks, hex"):
-        read(b"whatever", "elf")
-    with pytest.raises(ValueError, match="an address chooses a device in a capture of a bus"):
-        read(BLOCK, "auto", UsbAddress(1, 2))
-
-
-@pytest.mark.parametrize("form", FORMATS)
-def test_an_empty_file_is_no_recording_of_any_format(form: str) -> None:
-    with pytest.raises(InputFileError, match=r"^r is empty"):
-        read(b"", form)
-
-
 def test_a_whole_is_not_read_without_end() -> None:
     with pytest.raises(InputFileError, match=f"at most {LARGEST_WHOLE_BYTES} bytes"):
         read(bytes(LARGEST_WHOLE_BYTES + 1), "firmware")
@@ -93,9 +76,3 @@ def test_a_pipe_is_copied_so_that_it_can_be_read_twice(tmp_path: Path) -> None:
     with open_recording(str(pipe)) as stream:
         assert [piece.data for piece in read_recording(stream, "pipe")] == [BLOCK]
     writer.join()
-
-
-def test_standard_input_is_a_recording_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(BLOCK)))
-    with open_recording("-") as stream:
-        assert [piece.data for piece in read_recording(stream, "-")] == [BLOCK]

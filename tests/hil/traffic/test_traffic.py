@@ -27,19 +27,6 @@ ACK = b"PA" + bytes(30)
 STATUS = b"PS" + bytes(range(62))
 
 
-def test_plain_bytes_are_blocks_and_records_by_how_they_begin() -> None:
-    unknown = b"??" + bytes(510)
-    stream = io.BytesIO(BLOCK + ACK + STATUS + unknown + BLOCK + b"PW")
-    assert list(read_bytes(stream)) == [
-        Piece("offset 0", Traffic.BLOCK, "out", BLOCK),
-        Piece("offset 512", Traffic.RECORD, "in", ACK),
-        Piece("offset 544", Traffic.RECORD, "in", STATUS),
-        Piece("offset 608", Traffic.BLOCK, "out", unknown),
-        Piece("offset 1120", Traffic.BLOCK, "out", BLOCK),
-        Piece("offset 1632", Traffic.BLOCK, "out", b"PW"),
-    ]
-
-
 @given(st.binary(max_size=3000))
 def test_no_plain_byte_is_lost(data: bytes) -> None:
     assert b"".join(piece.data for piece in read_bytes(io.BytesIO(data))) == data
@@ -165,10 +152,3 @@ def test_no_text_crashes_the_reader(data: bytes) -> None:
         read_text(io.BytesIO(data), "x")
     except InputFileError:
         assert data
-
-
-def test_prose_is_no_hex() -> None:
-    assert not is_hex("phasewire 0.1 > ")
-    assert not is_hex("# nothing but a comment\n")
-    assert not is_hex("")
-    assert is_hex("# a comment\n\n5057 0x01, 02  # more\nwhatever")

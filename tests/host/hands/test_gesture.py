@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from phasewire import Mesh, touch
 from phasewire.host.hands import HandFrame, open_hands
 from phasewire.host.hands.gesture import GESTURES
 from phasewire.solver.contact.anatomy import BONES, PARENTS
@@ -61,22 +60,6 @@ def test_what_gestures_do() -> None:
     closed = landmarks(some("grasp?rate=100", 301))
     spans = np.linalg.norm(closed[:, 12] - closed[:, 0], axis=1)
     assert spans.argmin() == 150
-
-
-@pytest.mark.parametrize("name", ["approach", "sweep", "tap"])
-def test_gestures_reach_the_paper_s_objects_and_leave_them(name: str) -> None:
-    for mesh in (Mesh.cube(), Mesh.sphere()):
-        touching = [bool(touch(frame.hands[0].hand, mesh)) for frame in some(f"{name}?rate=10", 40)]
-        assert 5 < sum(touching) < 35
-
-
-def test_a_gesture_is_endless_unless_a_time_is_given() -> None:
-    frames = some("tap?rate=50&seconds=0.1", 100)
-    assert [frame.number for frame in frames] == [0, 1, 2, 3, 4]
-    assert [frame.time for frame in frames] == pytest.approx([0, 0.02, 0.04, 0.06, 0.08])
-    with open_hands("gesture:tap?rate=1000", Clock()) as source:
-        assert source.rate == 1000
-        assert [frame.time for frame in (source.next_frame(1), source.next_frame(1)) if frame] == [1000, 1000.001]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.base.errors import TrackerError, TrackerLostError, TrackerNotFoundError
 from phasewire.host.hands import HandFrame, leap, open_hands
-from phasewire.host.hands.leap import ADVICE, LEAP, MOST_GARBLED, POLICIES, Address, LeapHands, ServiceClock
+from phasewire.host.hands.leap import LEAP, MOST_GARBLED, POLICIES, Address, LeapHands, ServiceClock
 from phasewire.host.hands.liveness import STEADY_SECONDS
 from websockets.sync.server import ServerConnection
 
@@ -59,13 +59,6 @@ def test_hands_come_as_the_service_sees_them() -> None:
     assert [(hand.id, hand.hand.side) for hand in frames[2].hands] == [(4, "right"), (5, "left")]
     assert all(after.time >= before.time for before, after in pairwise(frames))
     assert source.ended
-
-
-def test_an_empty_frame_is_a_frame_without_hands() -> None:
-    with LeapService(sending(leap_frame(hands={}))) as service, opened(service) as source:
-        frame = source.next_frame(PATIENCE)
-    assert frame is not None
-    assert (frame.hands, frame.notes) == ((), ())
 
 
 def test_what_the_service_says_of_its_devices() -> None:
@@ -132,37 +125,6 @@ def test_of_a_flood_the_newest_frame_is_given_and_the_others_are_counted() -> No
         assert source.next_frame(0) is None
 
 
-def test_a_reader_that_comes_late_gets_the_newest_frame() -> None:
-    frames = [leap_frame(number, number) for number in range(40)]
-    done = threading.Event()
-
-    def script(connection: ServerConnection) -> None:
-        for frame in frames:
-            connection.send(json.dumps(frame))
-        connection.close()  # which the client answers once it has taken all of them
-        done.set()
-
-    with LeapService(script) as service, opened(service) as source:
-        assert done.wait(PATIENCE)
-        newest(source, 39)
-
-
-def test_a_stalled_service_gives_no_frame_and_then_goes_on() -> None:
-    again = threading.Event()
-
-    def script(connection: ServerConnection) -> None:
-        connection.send(json.dumps(leap_frame(1)))
-        assert again.wait(PATIENCE)
-        sending(leap_frame(2))(connection)
-
-    with LeapService(script) as service, opened(service) as source:
-        newest(source, 1)
-        assert source.next_frame(0.05) is None
-        assert not source.ended
-        again.set()
-        newest(source, 2)
-
-
 def test_a_source_can_be_closed_while_its_service_stalls() -> None:
     service = LeapService(lambda connection: service.stall(connection))
     with service:
@@ -204,27 +166,7 @@ def test_a_service_that_goes_away_is_lost_after_its_last_frame(end: Callable[[Se
             source.next_frame(PATIENCE)
 
 
-def test_a_message_without_measure_is_not_taken() -> None:
-    service = LeapService(sending("[" * 2**20))
-    with service, opened(service) as source, pytest.raises(TrackerLostError, match="too big"):
-        source.next_frame(PATIENCE)
-
-
 # A server that is no Leap service
-
-
-def a_free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port: int = server.getsockname()[1]
-    return port
-
-
-def test_without_a_service_the_error_says_what_to_do() -> None:
-    port = a_free_port()
-    with pytest.raises(TrackerNotFoundError, match=f"no Leap service at 127.0.0.1:{port}: .*[Rr]efused") as failed:
-        open_hands(f"leap:127.0.0.1:{port}")
-    assert ADVICE in str(failed.value)
-    assert "UltraleapTrackingWebSocket" in ADVICE
 
 
 def test_a_silent_server_is_no_service() -> None:
@@ -346,11 +288,6 @@ def test_the_frame_with_the_shortest_way_sets_the_clock(steps: list[tuple[float,
         assert best - 1e-8 <= max(found, stamp + best) - stamp <= best + slack
         assert last <= found <= arrival + 1e-8
         last = found
-
-
-def test_frames_out_of_order_do_not_turn_time_back() -> None:
-    clock = ServiceClock()
-    assert [clock.seen(stamp, 10.0) for stamp in (1.5e6, 1.4e6, 1.5e6)] == [10.0, 10.0, 10.0]
 
 
 @pytest.mark.parametrize("first", [0.0, 1e9], ids=["back", "ahead"])

@@ -32,17 +32,6 @@ def test_joints_become_landmarks_in_metres_by_the_arrays_axes() -> None:
             np.testing.assert_allclose(hand.landmarks[1 + 4 * finger + number], expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_a_right_hand_has_its_thumb_on_the_left(side: str) -> None:
-    """As seen from above, the palm down, the fingers ahead: along the array's y."""
-    hand = only_hand(leap_frame(hands={1: side}, palm=(0, 200, 0)))
-    thumb, middle = hand.landmarks[4], hand.landmarks[12]
-    assert hand.side == side
-    assert (thumb[0] < middle[0]) == (side == "right")
-    assert middle[1] > hand.landmarks[0][1]
-    assert middle[2] == pytest.approx(0.2)
-
-
 def test_a_missing_wrist_is_placed_behind_the_knuckles_by_the_size_of_the_hand() -> None:
     """Newer services say both: the wrist is 1.47 widths of the knuckles behind their middle."""
     said = leap_frame(palm=(0, 170, 0))
@@ -65,13 +54,6 @@ def test_fingers_of_packed_recordings_are_identified_by_their_ids() -> None:
     np.testing.assert_array_equal(only_hand(said).landmarks, expected)
 
 
-def test_an_id_without_the_hand_s_own_as_prefix_identifies_no_finger() -> None:
-    said = leap_frame()
-    del said["pointables"][2]["type"]
-    said["pointables"][2]["id"] = 992
-    assert hands_of(said) == ((), ("hand 4 is left out: it has no middle finger",))
-
-
 def test_a_type_counts_more_than_an_id() -> None:
     said = leap_frame()
     expected = only_hand(said).landmarks
@@ -87,15 +69,6 @@ def test_tools_and_fingers_of_hands_that_are_gone_are_passed_over() -> None:
     only_hand(said)
 
 
-def test_palm_width_and_bones_are_not_needed_and_do_no_harm() -> None:
-    said = leap_frame()
-    plain = only_hand(said).landmarks
-    said["hands"][0] |= {"palmWidth": 92.5, "armBasis": None, "elbow": "?"}
-    for finger in said["pointables"]:
-        finger |= {"bases": [], "btipPosition": [0, 0, 0], "carpPosition": None}
-    np.testing.assert_array_equal(only_hand(said).landmarks, plain)
-
-
 def test_fingers_are_as_wide_as_the_service_says() -> None:
     said = leap_frame()
     np.testing.assert_allclose(only_hand(said).widths, 0.018)
@@ -103,15 +76,6 @@ def test_fingers_are_as_wide_as_the_service_says() -> None:
     for wrong in (None, "18", 0, 41, float("nan")):
         said["pointables"][3]["width"] = wrong
         np.testing.assert_array_equal(only_hand(said).widths, usual)
-
-
-def test_an_impossible_bone_is_repaired_with_a_note() -> None:
-    said = leap_frame()
-    tip = said["pointables"][2]["tipPosition"]
-    said["pointables"][2]["tipPosition"] = [tip[0], tip[1], tip[2] - 200]
-    hands, notes = hands_of(said)
-    assert len(hands) == len(notes) == 1
-    assert notes[0].startswith("hand 4: the middle finger's bone from landmark 11 to 12 is 220.0 mm long")
 
 
 def scaled(said: Said, factor: float) -> None:

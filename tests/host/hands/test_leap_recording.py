@@ -81,14 +81,6 @@ def test_packed_values_may_be_missing(tmp_path: Path) -> None:
     assert len(read_leap_recording(written(tmp_path, rows)).frames[0].hands) == 1
 
 
-def test_it_is_played_by_url(tmp_path: Path) -> None:
-    with open_hands(f"leap:{written(tmp_path, FRAMES, 'wave.json.lz')}") as source:
-        assert not source.live
-        assert source.rate == pytest.approx(100)
-        assert len(list(source)) == 8
-        assert source.ended
-
-
 def test_it_is_played_at_another_speed_and_again(tmp_path: Path) -> None:
     path = written(tmp_path, FRAMES[:2])
     with open_hands(f"leap:{path}?speed=2&loop=1") as source:
@@ -106,10 +98,6 @@ def test_ids_and_times_that_jump_are_kept_in_order(tmp_path: Path) -> None:
     recording = read_leap_recording(written(tmp_path, frames))
     assert [(frame.time, frame.number) for frame in recording.frames] == [(0, 9), (0, 1), (0.5, 4)]
     assert [[hand.id for hand in frame.hands] for frame in recording.frames] == [[30], [31], []]
-
-
-def test_one_frame_has_the_usual_rate(tmp_path: Path) -> None:
-    assert read_leap_recording(written(tmp_path, FRAMES[:1])).rate == 110
 
 
 def test_a_hand_that_is_left_out_is_noted(tmp_path: Path) -> None:

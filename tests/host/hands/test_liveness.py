@@ -48,11 +48,6 @@ def test_a_source_that_hangs_has_no_news(frame: Callable[[int], tuple[int, float
     assert set(found[HANG + 1 :]) == why
 
 
-def test_a_time_that_creeps_is_soon_too_old() -> None:
-    found = judged(lambda index: (index, hung(index) * 0.999))
-    assert [index for index, why in enumerate(found) if why is None][-1] == HANG + round(MOST_AGE_SECONDS / GAP)
-
-
 def test_a_source_that_counts_anew_is_heard_again() -> None:
     found = judged(lambda index: (index if index <= HANG else index - HANG, 0.0))
     assert Counter(found) == {Stale.BACK: (doubted := round(STEADY_SECONDS / GAP)), None: COUNT - doubted}

@@ -35,23 +35,8 @@ def test_a_hand_is_placed_where_it_is(side: Side, mirrored: bool) -> None:
     np.testing.assert_allclose(frame.hands[0].hand.landmarks, hand.landmarks, atol=1e-12)
 
 
-def test_hands_of_another_size_are_as_far_as_their_size_says() -> None:
-    hand = Hand.flat([0, 0, 0.4], length=0.14)
-    picture = project(hand.landmarks, ASPECT, 70)
-    frame = PictureTracker(replace(VIEW, length=0.14)).frame(0, [SeenHand(picture, "right")], ASPECT)
-    np.testing.assert_allclose(frame.hands[0].hand.landmarks, hand.landmarks, atol=1e-12)
-
-
 def test_an_impossible_hand_is_left_out_with_a_note() -> None:
     landmarks = np.full((21, 3), [0.5, 0.5, 0.0])
     frame = PictureTracker(VIEW).frame(0, [SeenHand(landmarks, "right"), seen(hand_at(0, "left"))], ASPECT)
     assert [tracked.hand.side for tracked in frame.hands] == ["left"]
     assert frame.notes == ("a right hand was left out: wrist and knuckles are one point in the picture",)
-
-
-def test_a_repair_is_noted() -> None:
-    landmarks = hand_at(0).landmarks.copy()
-    landmarks[8] = landmarks[7]
-    frame = PictureTracker(VIEW).frame(0, [SeenHand(project(landmarks, ASPECT, 70), "right")], ASPECT)
-    assert len(frame.hands) == 1
-    assert "index finger's bone from landmark 7 to 8" in frame.notes[0]

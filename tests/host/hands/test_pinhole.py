@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.host.hands.pinhole import Landmarks, in_space, unmirrored
+from phasewire.host.hands.pinhole import Landmarks, in_space
 from phasewire.solver.contact.anatomy import LENGTH, NEUTRAL, PALM
 
 from tests.host.hands.pictures import project
@@ -39,17 +39,6 @@ def test_a_palm_of_a_tenth_of_the_width_in_a_view_of_90_degrees_is_five_palms_aw
     np.testing.assert_allclose(
         placed[[0, 9, 17]], [[0, 0, 5 * palm], [palm, 0, 5 * palm], [-palm, 0, 5 * palm]], rtol=0.01
     )
-
-
-@given(hands_before_a_camera())
-def test_a_mirrored_picture_gives_the_same_hand(hand: Landmarks) -> None:
-    mirrored = project(hand * [-1, 1, 1], 0.75, 60)  # as a mirror beside the camera would show it
-    landmarks, side = unmirrored(mirrored, "left")
-    assert side == "right"
-    np.testing.assert_allclose(in_space(landmarks, 0.75, 60, length(hand)), hand, atol=1e-11)
-    again, other = unmirrored(landmarks, side)
-    assert other == "left"
-    np.testing.assert_allclose(again, mirrored, atol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -31,11 +31,6 @@ def test_frames_are_placed_and_hands_keep_their_numbers_either_way() -> None:
     assert listed.ended
 
 
-def test_without_a_pose_hands_stay_where_they_are() -> None:
-    (frame, *_) = PlacedHands(source())
-    np.testing.assert_array_equal(frame.hands[0].hand.landmarks, Hand.flat().landmarks)
-
-
 def test_a_placed_source_is_a_source_and_closes_the_other() -> None:
     inner = source()
     placed: HandSource = PlacedHands(inner)

@@ -44,11 +44,6 @@ def test_a_hand_that_a_pose_makes_impossible_is_left_out_with_a_note() -> None:
     assert frame.notes[1].startswith("the right hand 5 was left out after its pose was applied: the palm is 0.29")
 
 
-def test_no_pose_changes_nothing() -> None:
-    hand = Hand.flat()
-    np.testing.assert_array_equal(Pose.none().moved(hand).landmarks, hand.landmarks)
-
-
 @given(angles=st.tuples(*[st.floats(-180, 180)] * 3))
 def test_degrees_turn_about_x_then_y_then_z_of_the_array(angles: tuple[float, float, float]) -> None:
     pose = Pose.from_table({"rotation_degrees": list(angles)})
@@ -59,14 +54,6 @@ def test_a_rotation_of_three_digits_becomes_exact(tmp_path: Path) -> None:
     pose = load("rotation = [[0.866, -0.5, 0], [0.5, 0.866, 0], [0, 0, 1]]", tmp_path / "pose.toml")
     np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-15)
     np.testing.assert_allclose(pose.rotation, Rotation.from_euler("z", 30, degrees=True).as_matrix(), atol=1e-3)
-
-
-def test_what_is_written_is_read_again(tmp_path: Path) -> None:
-    pose = load(LYING, tmp_path / "pose.toml")
-    again = Pose.from_table(pose.to_table())
-    np.testing.assert_array_equal(again.rotation, pose.rotation)
-    np.testing.assert_array_equal(again.translation, pose.translation)
-    assert again.scale == pose.scale
 
 
 @pytest.mark.parametrize(

@@ -96,11 +96,6 @@ def test_a_recording_that_is_interrupted_is_whole(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["a.hands"]
 
 
-def test_a_folder_that_is_missing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        write(tmp_path / "no" / "a.hands")
-
-
 # Playing
 
 
@@ -145,11 +140,6 @@ def test_an_empty_recording_ends_even_in_a_loop(tmp_path: Path) -> None:
 def test_wrong_urls_are_named(rest: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         open_hands(f"recording:{rest}")
-
-
-def test_a_file_that_does_not_exist_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"none\.hands"):
-        open_hands(f"recording:{tmp_path}/none.hands")
 
 
 # Damage

@@ -2,14 +2,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from itertools import count
 from threading import Thread
 
 import pytest
 from phasewire.base import plugins
-from phasewire.base.errors import TrackerError, TrackerLostError, TrackerNotFoundError
-from phasewire.cli.commands import exit_code
+from phasewire.base.errors import TrackerNotFoundError
 from phasewire.host.hands import HandFrame, HandSource, open_hands
 from phasewire.host.hands.sources import MOST_WAITING, LiveHands, PlayedHands, read_options
 
@@ -27,31 +26,9 @@ def three() -> Iterator[HandFrame]:
 # By URL
 
 
-@pytest.mark.parametrize("url", ["nonsense:", "nonsense", "", ":", "leap", "http://127.0.0.1/"])
-def test_an_unknown_url_names_the_known_ones(url: str) -> None:
-    known = "camera:, gesture:, leap:, recording:, video:"
-    with pytest.raises(TrackerNotFoundError, match=f"the URL of a tracker begins with one of {known}"):
-        open_hands(url)
-
-
 def test_the_mouse_belongs_to_the_page() -> None:
     with pytest.raises(TrackerNotFoundError, match="mouse: is the hand of the page"):
         open_hands("mouse:")
-
-
-def test_sources_are_found_by_entry_point_and_get_the_rest_of_the_url_and_the_clock(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    assert {entry.name for entry in entry_points(group="phasewire.hands")} >= {"recording", "gesture", "leap", "video"}
-    theirs = EntryPoint("theirs", f"{__name__}:THEIRS", "phasewire.hands")
-    monkeypatch.setattr(plugins, "entries", lambda group: {"theirs": theirs})
-    monkeypatch.setattr(EntryPoint, "load", lambda entry: Theirs())
-    clock = Clock()
-    source = open_hands("theirs:a:b?c=1", clock)
-    assert source.name == "a:b?c=1"
-    first = source.next_frame(0)
-    assert first is not None
-    assert first.time == clock.now
 
 
 class Theirs:
@@ -66,11 +43,6 @@ def test_what_another_package_cannot_load_is_no_traceback(monkeypatch: pytest.Mo
     monkeypatch.setattr(plugins, "entries", lambda group: {"theirs": theirs})
     with pytest.raises(TrackerNotFoundError, match="cannot be loaded: No module named 'no_such"):
         open_hands("theirs:1")
-
-
-def test_exit_codes() -> None:
-    assert exit_code(TrackerNotFoundError()) == 3
-    assert exit_code(TrackerLostError()) == exit_code(TrackerError()) == 4
 
 
 def test_options_of_a_url() -> None:
@@ -91,27 +63,6 @@ def test_options_of_a_url() -> None:
 # Frames that are there already
 
 
-def test_an_iterator_gives_every_frame_with_the_time_that_was_recorded() -> None:
-    source = PlayedHands("three", three(), 2, Clock())
-    assert [(frame.time, frame.number) for frame in source] == [(0.0, 0), (0.5, 1), (0.5, 2)]
-    assert source.ended
-    assert list(source) == []
-
-
-def test_a_loop_gets_frames_when_they_are_due_by_its_own_clock() -> None:
-    clock = Clock()
-    source = PlayedHands("endless", frames(), 2, clock)
-    first = source.next_frame(0)
-    assert first is not None
-    assert (first.time, first.number, clock.now) == (1000.0, 0, 1000.0)
-    assert source.next_frame(0.2) is None
-    assert clock.now == pytest.approx(1000.2)
-    second = source.next_frame(10)
-    assert second is not None
-    assert (second.time, second.number) == (1000.5, 1)
-    assert clock.now == pytest.approx(1000.5)
-
-
 def test_a_late_loop_gets_the_newest_frame_with_the_time_that_it_was_due() -> None:
     clock = Clock()
     source = PlayedHands("endless", frames(), 2, clock)
@@ -120,27 +71,6 @@ def test_a_late_loop_gets_the_newest_frame_with_the_time_that_it_was_due() -> No
     newest = source.next_frame(5)
     assert newest is not None
     assert (newest.time, newest.number, clock.now) == (1002.0, 4, 1002.2)
-
-
-def test_the_end_differs_from_a_pause() -> None:
-    clock = Clock()
-    source = PlayedHands("three", three(), 2, clock)
-    assert source.next_frame(0) is not None
-    assert not source.ended
-    last = [source.next_frame(1) for _ in range(2)]
-    assert [frame.number for frame in last if frame is not None] == [1, 2]
-    assert source.next_frame(1) is None
-    assert source.ended
-    assert clock.now == 1000.5
-
-
-def test_closing_closes_what_is_read() -> None:
-    closed = []
-    with PlayedHands("three", three(), 2, Clock(), lambda: closed.append(1)) as source:
-        pass
-    assert closed
-    assert source.ended
-    assert source.next_frame(1) is None
 
 
 # Live frames
@@ -174,30 +104,9 @@ def test_an_iterator_waits_for_each_frame_until_the_end() -> None:
     thread.join()
 
 
-def test_a_tracker_that_is_lost_raises_after_its_last_frame() -> None:
-    source = LiveHands("tracker", 100)
-    source.put(HandFrame(1.0))
-    source.end(TrackerLostError("the service closed the connection"))
-    source.end()
-    assert source.next_frame(1) is not None
-    for _ in range(2):
-        with pytest.raises(TrackerLostError, match="closed the connection"):
-            source.next_frame(1)
-        with pytest.raises(TrackerLostError, match="closed the connection"):
-            next(source)
-    assert source.ended
-
-
 def test_a_flood_takes_no_memory() -> None:
     source = LiveHands("tracker", 100)
     for number in range(3 * MOST_WAITING):
         source.put(HandFrame(0.0, number=number))
     assert source.dropped == 2 * MOST_WAITING
     assert next(source).number == 2 * MOST_WAITING
-
-
-def test_a_closed_source_has_ended() -> None:
-    with LiveHands("tracker", 100) as source:
-        pass
-    assert source.next_frame(60) is None
-    assert source.ended

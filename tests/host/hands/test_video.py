@@ -297,11 +297,6 @@ def test_the_model_is_asked_for(scheme: str, monkeypatch: pytest.MonkeyPatch) ->
             open_hands(url)
 
 
-def test_a_missing_model_is_named(scheme: str) -> None:
-    with pytest.raises(FileNotFoundError, match=r"nowhere\.task"):
-        open_hands(f"{scheme}?model=nowhere.task")
-
-
 def test_a_missing_extra_is_named(scheme: str, model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mediapipe", None)  # as if it was not installed
     monkeypatch.delenv(MODEL_VARIABLE, raising=False)

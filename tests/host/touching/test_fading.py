@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -58,11 +57,3 @@ def test_of_points_that_fade_out_the_weakest_vanish_first() -> None:
     fading = fading.step(*arrays({9: (0.5, 1.0)}), 0.1, 3)
     assert fading.ids.tolist() == [9, 0, 2]
     np.testing.assert_allclose(fading.levels, [0.1, 0.9, 0.9])
-
-
-@pytest.mark.parametrize("change", [1.0, 7.0])
-def test_without_a_ramp_points_are_there_and_gone_at_once(change: float) -> None:
-    fading = Fading.nothing().step(*arrays({0: (0.0, 1.0)}), change, 4)
-    assert fading.levels.tolist() == [1.0]
-    assert not fading.changing
-    assert len(fading.step(*arrays({}), change, 4)) == 0

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire import Circle, ControlPoints, Device, Emulator, Mesh, TransducerArray, open_device, pressure
+from phasewire import ControlPoints, Device, Emulator, Mesh, TransducerArray, open_device, pressure
 from phasewire.base.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError, TrackerLostError
 from phasewire.emulator.faults import HotBoard, InjectedFault, PowerCut, StalledEndpoint, Unplugged
 from phasewire.host.hands import leap
@@ -26,7 +26,6 @@ from phasewire.host.touching.report import TouchReport
 from phasewire.host.touching.turns import Alternation, StoredTurns
 from phasewire.solver.contact.touch import Touch, Toucher
 from phasewire.solver.methods.split import split
-from phasewire.solver.rendering.renderer import Renderer
 from phasewire.solver.shapes.points import check_reachable
 from websockets.sync.server import ServerConnection
 
@@ -162,21 +161,6 @@ def test_in_each_way_the_frames_are_emitted_in_turn_and_the_cycle_keeps_its_phas
         assert np.abs(emitted[begun - begins[0] : ends - begins[0]] - wanted).max() < 1e-5
 
 
-def test_auto_chooses_for_each_pose(monkeypatch: pytest.MonkeyPatch) -> None:
-    watched = Watched(monkeypatch)
-    [hand] = next(frames(100, 0.1, still)).hands
-    both = (hand, TrackedHand(hand.hand.moved((0.06, 0, 0)), 2))
-    lengths = []
-    for hands in ((hand,), both):
-        watched.cycles.clear()
-        with Emulator() as emulator, open_device(emulator.url) as device:
-            given = (HandFrame(number / 100, hands, number) for number in range(10))
-            loop_of(device, PlayedHands("hands", given, 100, device.time), render="auto").run()
-        lengths.append({cycle.periods for cycle in watched.cycles})
-    assert lengths[0] == {Renderer(ARRAY, "stm", most_frames=24).render(Circle(0.03, 0.2)).periods}
-    assert lengths[1] == {Renderer(ARRAY, "two-sided", most_frames=24).render(Circle()).periods}
-
-
 def test_gains_scale_each_transducer_and_0_silences_it() -> None:
     gains = np.linspace(0, 1, 320, dtype=np.float32)
     loudness = []
@@ -224,21 +208,6 @@ def test_contact_and_release_are_ramps_and_silence_comes_in_time(ramp: float, ra
     assert abs((ends - released) / 40_000 - ramp) < 0.006
     loudest_step = np.abs(np.diff(loudness[::100])).max()
     assert loudest_step < whole * (1.01 if ramp == 0 else max(0.75 * 2.5e-3 / ramp * 2, 0.12))
-
-
-@in_each_way
-def test_in_each_way_contact_and_release_are_ramps_and_silence_comes_in_time(render: str) -> None:
-    contact, release = 0.05, 0.15
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        begin = device.time.monotonic()
-
-        def place(time: float) -> tuple[float, float, float] | None:
-            return still(time) if contact <= time < release else None
-
-        loop_of(device, source(device.time, 200, 0.25, place), render=render).run()
-        every = loudness_of(emulator, 0, window=200)
-        assert 0 <= last_sound(emulator) - (begin + release) * 40_000 < SILENCE
-    assert (np.abs(np.diff(every)) < 0.5 * every.max()).all()
 
 
 class Upright(Ring):
@@ -338,13 +307,6 @@ def test_what_the_watchdog_has_silenced_does_not_come_back_without_a_hand(render
         assert last_sound(emulator) < 0.3 * 40_000
 
 
-def test_no_hand_ever_is_silence_throughout() -> None:
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        report = loop_of(device, source(device.time, 100, 0.5, lambda _: None)).run()
-        assert not amplitudes(emulator, 0, emulator.capture().end_tick // 50).any()
-    assert (report.frames, report.touching, report.blocks, report.latency.count) == (50, 0, 0, 0)
-
-
 @in_each_way
 def test_it_ends_with_its_time_and_the_outputs_are_off(render: str) -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
@@ -416,20 +378,6 @@ def test_a_lost_tracker_lets_the_field_fade_and_ends_in_its_error(render: str) -
         assert last_sound(emulator) - heard[-1] * 40_000 < SILENCE
         envelope = loudness_of(emulator, int(heard[-1] * 40_000))
         assert (np.abs(np.diff(envelope)) < 0.6 * envelope.max()).all(), "it fades"
-
-
-@in_each_way
-def test_ctrl_c_turns_the_outputs_off(render: str) -> None:
-    def interrupt(moment: TouchMoment) -> None:
-        if moment.time > 0.2:
-            raise KeyboardInterrupt
-
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        with pytest.raises(KeyboardInterrupt):
-            loop_of(device, source(device.time, 100, 2, still), render=render, on_moment=interrupt).run()
-        assert not device.status().enabled
-        emulator.run(7)
-        assert last_sound(emulator) < emulator.capture().end_tick // 50 - 1
 
 
 @in_each_way
@@ -578,28 +526,6 @@ def test_only_what_a_tracker_sees_anew_is_played(does: str, kind: str, monkeypat
     else:
         assert not sounds[again:].any()
         assert report.stale == tracker.sent - HANG - 1
-
-
-def test_frames_that_are_missing_are_counted() -> None:
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        every: Iterator[HandFrame] = (frame for frame in frames(100, 0.2, still) if frame.number % 4)
-        report = loop_of(device, PlayedHands("gaps", every, 100, device.time)).run()
-    assert (report.frames, report.dropped) == (15, 4)
-
-
-def test_hands_are_moved_ahead_unless_that_is_off() -> None:
-    def moving(time: float) -> tuple[float, float, float]:
-        return (0.5 * time - 0.05, 0, 0.2)
-
-    behind = {}
-    for predict in (True, False):
-        with Emulator() as emulator, open_device(emulator.url) as device:
-            noting = Noting(device)
-            loop_of(device, source(device.time, 100, 0.2, moving), predict=predict, on_moment=noting).run()
-        _, moment = noting.moments[-1]
-        behind[predict] = moment.hands[0].centre[0] - moving(moment.time - noting.moments[0][1].time)[0]
-    assert behind[False] == pytest.approx(0, abs=1e-12)
-    assert behind[True] > 1e-5
 
 
 @pytest.mark.parametrize("ramp", [-0.01, 0.05, float("nan")])

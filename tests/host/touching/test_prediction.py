@@ -49,13 +49,6 @@ def test_a_jump_of_the_tracking_does_not_throw_the_hand(jump: tuple[float, float
         np.testing.assert_allclose(met, place, atol=1e-12)
 
 
-def test_an_old_frame_is_not_moved_further_than_the_limit() -> None:
-    predictor = Predictor()
-    for number in range(100):
-        met = centre(predictor, frame(number / 100, (number / 100, 0, 0.2)), number / 100 + 10)
-    assert met[0] - 0.99 <= 1.0 * MOST_AHEAD_SECONDS * 1.001
-
-
 @pytest.mark.parametrize("gap", [0.0, -0.1, 1.0])
 def test_after_a_gap_a_hand_has_no_known_speed(gap: float) -> None:
     predictor = Predictor()
@@ -75,8 +68,3 @@ def test_hands_are_distinguished_by_their_number_and_forgotten_when_they_are_gon
     np.testing.assert_allclose(two.centre, (0, -0.51, 0.2), atol=3e-4)
     predictor.hands(frame(0.51), 0.51)
     np.testing.assert_allclose(centre(predictor, frame(0.52, (0.52, 0, 0.2)), 0.53), (0.52, 0, 0.2), atol=1e-12)
-
-
-def test_a_hand_at_rest_is_handed_on_as_it_is() -> None:
-    seen = frame(0.0, (0, 0, 0.2))
-    assert Predictor().hands(seen, 1.0)[0] is seen.hands[0].hand

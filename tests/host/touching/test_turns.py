@@ -116,27 +116,6 @@ def test_a_host_that_is_held_up_comes_back_in_phase_and_counts_it() -> None:
     np.testing.assert_array_equal(played(emulator, back, last), np.array(WIDTHS)[whose(back, last, 100)])
 
 
-def test_a_clock_that_is_corrected_backwards_at_a_boundary_does_not_swap_the_fields(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        turns = turns_for(device, halves(), WATCHDOG)
-        assert isinstance(turns, StreamedTurns)
-        turns.show(fields())
-        kept(device, turns, 0.01)
-        device.time.sleep(max(turns.due - device.time.monotonic(), 0.0))
-        turns.keep()  # the next turn is on its way
-        first = turns._sent * 100
-        early = first - turns._guard - 1
-        monkeypatch.setattr(turns, "_now", lambda: early)
-        turns.show(fields(1))
-        monkeypatch.undo()
-        kept(device, turns, 0.01)
-        last = device.status().period - 10
-    turn = (played(emulator, first, last) >= WIDTHS[1]).astype(int)
-    np.testing.assert_array_equal(turn, whose(first, last, 100))
-
-
 def test_silence_is_kept_alive_and_ends_with_the_next_pose() -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
         device.set_watchdog(WATCHDOG)
@@ -218,21 +197,6 @@ def test_cycles_are_played_in_order_and_keep_their_phase_over_poses(count: int, 
         assert pose % 20 == poses[now + 40 - first], "each plays within a millisecond of its last block"
 
 
-@pytest.mark.parametrize("count", [2, 24])
-def test_poses_one_right_after_the_other_wait_for_free_slots(count: int) -> None:
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        turns = StoredTurns(device, 1, WATCHDOG)
-        turns.show(numbered(0, count, 100))
-        first = device.status().period + 40
-        for pose in range(1, 12):
-            turns.show(numbered(pose, count, 100))
-        kept(device, turns, 0.005)
-        last = device.status().period - 10
-        assert turns.late == 0
-    np.testing.assert_array_equal(played(emulator, first, last), np.arange(first, last) // 100 % count + 1)
-    assert played(emulator, last - 1, last, 1) == 12
-
-
 @given(st.lists(st.tuples(st.integers(2, 24), st.integers(1, 60)), min_size=2, max_size=8))
 @settings(max_examples=25, deadline=None)
 def test_a_cycle_of_another_length_begins_where_the_share_of_the_cycle_is_the_same(
@@ -271,29 +235,6 @@ def test_the_steps_of_a_cycle_that_is_partly_over(slots: list[int], hold: int, d
     assert all(1 <= periods <= 65_535 for _, periods in steps)
     expanded = np.repeat([slot for slot, _ in steps], [periods for _, periods in steps])
     np.testing.assert_array_equal(expanded, np.roll(np.repeat(slots, hold), -passed))
-
-
-@pytest.mark.parametrize(
-    ("line", "most"), [("", 24), ("?door=serial&baud=3000000", 9), ("?door=serial&baud=115200", 8)]
-)
-def test_a_slow_line_gets_fewer_fields(line: str, most: int) -> None:
-    with Emulator() as emulator, open_device(emulator.url + line) as device:
-        assert turns_for(device, None, WATCHDOG).most_frames == most
-
-
-def test_equal_fields_are_stored_once() -> None:
-    cycle = numbered(0, 6, 30)
-    folded = PulseCycle(PulseFrames(*(rows[[0, 1, 2, 2, 1, 0]] for rows in cycle.frames)), 30)
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        turns = StoredTurns(device, 1, WATCHDOG)
-        turns.show(folded)
-        assert turns.blocks == 3 + 2
-        first = device.status().period + 40
-        kept(device, turns, 0.01)
-        last = device.status().period - 10
-    np.testing.assert_array_equal(
-        played(emulator, first, last), np.array([1, 2, 3, 3, 2, 1])[np.arange(first, last) // 30 % 6]
-    )
 
 
 def test_the_device_modulates_a_cycle_that_has_an_envelope_and_no_other() -> None:

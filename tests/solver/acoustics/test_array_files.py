@@ -19,10 +19,6 @@ def same(one: TransducerArray, other: TransducerArray) -> None:
     np.testing.assert_allclose(one.normals, other.normals, atol=1e-12)
 
 
-def test_a_grid() -> None:
-    same(read_transducers(EXAMPLES / "grid_16x16.toml"), TransducerArray.grid(16, 16))
-
-
 def test_facing_panels_look_at_each_other() -> None:
     array = read_transducers(EXAMPLES / "facing_panels.toml")
     below, above = TransducerArray.grid(16, 16), array.positions[256:]

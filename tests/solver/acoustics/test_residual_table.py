@@ -1,12 +1,10 @@
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import platformdirs
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -78,20 +76,6 @@ def test_a_table_of_an_image_is_as_accurate(sine: float, part: float) -> None:
     assert abs(found(sine, distance) - residual(RING, sine, distance)) < 1e-4
 
 
-def test_shapes_are_broadcast() -> None:
-    found = ResidualTable.of(DISC["rayleigh-1"])
-    both = found(np.linspace(0, 1, 3)[:, None], np.array([0.05, 0.2]))
-    assert both.shape == (3, 2)
-    assert both[1, 1] == found(0.5, 0.2)
-    assert found(1, 0.1) == 0  # RS-I is silent along its baffle
-
-
-def test_a_table_is_computed_once(folder: Path, computed: list[int]) -> None:
-    first = ResidualTable.of(DISC["rayleigh"])
-    assert ResidualTable.of(Transducer(RADIUS, 2.0, polarity=-1, model="rayleigh"), Medium(absorbing=True)) is first
-    assert computed == [65 * 9]
-
-
 def test_a_table_is_kept_on_disk(folder: Path, computed: list[int]) -> None:
     first = ResidualTable.of(DISC["rayleigh"])
     (kept,) = folder.iterdir()
@@ -161,16 +145,6 @@ def test_a_cache_that_cannot_be_written_is_no_error(
 
 def _refuse(path: Path) -> None:
     raise PermissionError(path)
-
-
-def test_the_cache_is_the_user_s_unless_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert residual_table.cache_folder() == Path(os.environ["PHASEWIRE_CACHE"])
-    for unset in ({}, {"PHASEWIRE_CACHE": ""}):
-        monkeypatch.delenv("PHASEWIRE_CACHE")
-        for name, value in unset.items():
-            monkeypatch.setenv(name, value)
-        assert residual_table.cache_folder() == platformdirs.user_cache_path("phasewire")
-        monkeypatch.setenv("PHASEWIRE_CACHE", "elsewhere")
 
 
 @pytest.mark.parametrize(

@@ -18,25 +18,6 @@ def test_the_default_strength_is_the_paper_s_20_pascals() -> None:
     assert TRANSDUCERS["MA40S4S-10Vrms"].strength == pytest.approx(peak_at_10_v_rms, rel=1e-3)
 
 
-def test_every_preset_has_a_source_of_its_strength() -> None:
-    assert TRANSDUCERS["MA40S4S"] == Transducer()
-    assert len({transducer.source for transducer in TRANSDUCERS.values()}) == len(TRANSDUCERS)
-    assert all(2.5 <= transducer.strength <= 8.5 for transducer in TRANSDUCERS.values())
-
-
-def test_transducers_with_equal_apertures_are_equal() -> None:
-    one, same = (Transducer(model="rayleigh", aperture=Aperture.disc(4.5e-3, 5e-4)) for _ in range(2))
-    other = Transducer(model="rayleigh", aperture=Aperture.disc(4e-3, 5e-4))
-    assert one == same != other
-    assert len({one, same, other, Transducer(model="rayleigh")}) == 3
-
-
-def test_a_rayleigh_integral_keeps_two_radii_away() -> None:
-    assert Transducer().nearest == Transducer(model="monopole").nearest == 4.5e-3
-    assert Transducer(model="rayleigh").nearest == 9e-3
-    assert Transducer(model="rayleigh", aperture=DISC).nearest == 2 * DISC.reach > 9e-3
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

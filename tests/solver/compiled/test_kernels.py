@@ -204,16 +204,6 @@ def test_tables_are_as_good_as_the_double_model(transducer: Transducer, absorbin
     np.testing.assert_allclose(felt, expected, atol=2e-3 * expected.max())
 
 
-@pytest.mark.parametrize("method", COMPILED)
-@pytest.mark.parametrize("transducer", LOOKED_UP, ids=lambda transducer: f"{transducer.model}-{transducer.radius}")
-def test_every_method_uses_the_tables(method: str, transducer: Transducer) -> None:
-    array = TransducerArray.grid(8, 8, transducer=transducer)
-    points = ControlPoints([[0.02, 0.01, 0.1], [-0.02, 0, 0.12]], [1, 0.5])
-    single, double = (solve(array, points, method, precision=p).drive for p in ("single", "double"))
-    felt, expected = (np.abs(reached(array, points, drive)) for drive in (single, double))
-    np.testing.assert_allclose(felt, expected, atol=0.02 * expected.max())
-
-
 def test_points_too_far_for_single_precision_are_computed_in_double(array: TransducerArray) -> None:
     drive, far = np.ones(320), [[3.0, 0, 9.0], [0, 8.0, 7.0]]
     assert pressure(array, drive, far, precision="single").tolist() == pressure(array, drive, far).tolist()

@@ -130,17 +130,6 @@ def test_an_open_arc_has_a_point_for_each_spacing(length: float, expected: int) 
     assert (amplitudes == 1).all()
 
 
-def test_a_closed_arc_has_equal_steps_all_round() -> None:
-    arcs, _ = line([0.1], [0.0] * 5, closed=True)
-    positions, _, anchors = place(arcs, np.zeros(5))
-    assert len(positions) == 27
-    assert not anchors.any()
-    x, y = positions[:, 0], positions[:, 1]
-    round_trip = np.where(y == 0, x, np.where(x == 0.1, 0.1 + y, np.where(y == 0.1, 0.3 - x, 0.4 - y)))
-    steps = np.diff(np.sort(round_trip), append=np.sort(round_trip)[0] + 0.4)
-    np.testing.assert_allclose(steps, 0.4 / 27, rtol=1e-9)
-
-
 @given(st.lists(st.floats(1e-4, 0.05), min_size=1, max_size=12), st.integers(0, 2**32 - 1))
 @example([0.00390625, 0.00390625], 32104332)  # ever sharper crossings, the last with room for the first
 @settings(max_examples=200, deadline=None)

@@ -9,7 +9,6 @@ import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from phasewire.base.arguments import FARTHEST
 from phasewire.solver.contact.mesh import MOST_FACES, Mesh, Solid
 from scipy.spatial.transform import Rotation
@@ -100,15 +99,6 @@ def test_a_scaled_object_keeps_its_centre_and_pose() -> None:
     larger = turned.scaled(3)
     np.testing.assert_allclose(larger.centre, turned.centre)
     np.testing.assert_allclose(larger.vertices - larger.centre, 3 * (turned.vertices - turned.centre), atol=1e-12)
-
-
-def test_its_repr_has_size_and_place() -> None:
-    assert repr(Mesh.cube()) == "Mesh(12 faces, 100 × 100 × 100 mm about (0, 0, 170) mm)"
-
-
-def test_arrays_are_read_only() -> None:
-    arrays: list[NDArray[Any]] = [WEDGE.vertices, WEDGE.faces, WEDGE.offset, WEDGE.rotation, WEDGE.solid.edges]
-    assert not any(values.flags.writeable for values in arrays)
 
 
 @pytest.mark.parametrize(

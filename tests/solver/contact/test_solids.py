@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -58,15 +57,3 @@ def test_curves_are_met_to_a_tenth_of_a_millimetre() -> None:
 def test_size_and_centre() -> None:
     mesh = Mesh.sphere(size=0.04, centre=(0.01, -0.02, 0.3))
     np.testing.assert_allclose(in_trimesh(mesh).bounds, [[-0.01, -0.04, 0.28], [0.03, 0, 0.32]], atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("made", "message"),
-    [
-        (lambda: Mesh.cube(size=0), "size 0 m must be positive"),
-        (lambda: Mesh.sphere(size=2000), "size 2000 m must be positive and at most 5 m; .* 2000 mm is 2"),
-    ],
-)
-def test_invalid_sizes_are_refused(made: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        made()

@@ -152,19 +152,6 @@ def test_points_have_a_cap_and_a_spacing() -> None:
     assert CLOSEST > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"spacing": 0}, "spacing 0 m must be from 0.001 to 5 m"),
-        ({"most_points": 0}, "most_points 0 must be a whole number from 1 to 4096"),
-        ({"most_points": 5000}, "most_points 5000"),
-    ],
-)
-def test_options_out_of_range_are_refused(options: dict[str, float], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        touch(Hand.flat(), Mesh.cube(), **options)  # type: ignore[arg-type]  # on purpose
-
-
 def test_other_things_than_hands_and_objects_are_refused() -> None:
     hand, mesh = Hand.flat(), Mesh.cube()
     with pytest.raises(ValueError, match="hands are a Mesh; they must be a Hand or a sequence of them"):

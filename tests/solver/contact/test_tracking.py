@@ -87,22 +87,6 @@ def test_survivors_move_within_their_bound(shape: str, seed: int, step: float) -
             assert from_arcs(position, other.arcs) < 1e-9, identity
 
 
-@given(seed=st.integers(0, 2**32 - 1), step=st.floats(1e-6, 2e-3))
-@settings(max_examples=30, deadline=None)
-def test_on_a_sphere_points_move_with_the_palm(seed: int, step: float) -> None:
-    """Through its middle no point moves much farther than the palm, which cuts the sphere at a large angle."""
-    rng = np.random.default_rng(seed)
-    way = rng.normal(size=3)
-    way *= step / np.linalg.norm(way)
-    toucher, mesh = Toucher(), Mesh.sphere(0.04, (0, 0, 0.17))
-    frames = [toucher.touch(Hand.flat().moved(way * k), mesh) for k in range(int(min(10, 4e-3 / step)))]
-    for one, other in itertools.pairwise(frames):
-        old, new = places(one), places(other)
-        assert old.keys() == new.keys()
-        for identity, position in old.items():
-            assert np.linalg.norm(new[identity] - position) <= 1.5 * FOLLOW * step + 2 * SETTLE * (step > 1e-4)
-
-
 @pytest.mark.parametrize("shape", SHAPES)
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=8, deadline=None)
@@ -248,17 +232,6 @@ def test_identities_do_not_outlive_their_object_or_hand() -> None:
     frames.append(toucher.touch(hand, Mesh.cube()))
     identities = [identity for felt in frames for identity in felt.ids.tolist()]
     assert len(set(identities)) == len(identities) > 0
-
-
-def test_points_do_not_jump_when_their_number_does() -> None:
-    """The circle of a cone around a palm that rises slowly: neighbours make room within the bound."""
-    mesh, toucher = Mesh.cone(0.06, (0, 0, 0.17)), Toucher(corners=False)
-    last: dict[int, Floats] = {}
-    for z in np.arange(0.145, 0.19, 1e-4):
-        new = places(toucher.touch(Hand.flat((0, 0, z)), mesh))
-        for identity in last.keys() & new.keys():
-            assert np.linalg.norm(new[identity] - last[identity]) <= (FOLLOW + 0.6) * 1e-4 + SETTLE
-        last = new
 
 
 def test_points_of_a_closed_arc_turn_with_its_object() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from phasewire import Medium, Transducer, TransducerArray
+from phasewire import Transducer, TransducerArray
 from phasewire.solver.acoustics.propagation import transfer_matrix
 from phasewire.solver.fields.convolution import PlanePropagator
 
@@ -42,14 +42,6 @@ def test_it_is_the_direct_sum(
     response[1] = 0
     array = TransducerArray(whole.positions[chosen] + shift, whole.normals[chosen]).calibrated(response)
     assert_the_direct_sum(array, drive, PlanePropagator(array, 0.1, extent, per_pitch), every=1)
-
-
-def test_it_is_the_direct_sum_for_the_default_array(array: TransducerArray) -> None:
-    rng = np.random.default_rng(1)
-    drive = np.exp(2j * np.pi * rng.random(320)) * (rng.random(320) > 0.1)  # a tenth of it dead
-    propagator = PlanePropagator(array, 0.2, medium=Medium(30))
-    assert propagator.grid.step == pytest.approx(1.03e-3)
-    assert_the_direct_sum(array, drive, propagator, every=13)
 
 
 def test_transducers_may_be_tilted_alike_and_of_any_kind() -> None:

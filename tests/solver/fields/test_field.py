@@ -1,34 +1,10 @@
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from phasewire import Medium, TransducerArray, pressure, sample_plane
 from phasewire.solver.fields.field import PlaneField, VolumeField, sample_cut, sample_volume
 from phasewire.solver.fields.grid import Grid
-
-
-def test_the_step_is_kept_and_the_middle_is_sampled(array: TransducerArray) -> None:
-    plane = sample_plane(array, np.ones(320), 0.2, extent=0.05, step=0.02)
-    np.testing.assert_allclose(plane.x, [-0.02, 0, 0.02])
-    with pytest.raises(ValueError, match="read-only"):
-        plane.pressure[0, 0] = 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"height": -0.1}, "height -0.1 m must be positive"),
-        ({"height": 0.2, "step": 5e-324}, "makes more than"),
-        ({"height": 0.2, "extent": 1e-3, "step": 1e-3}, "too long for a plane of 0.001 m"),
-        ({"height": 1e300}, "height 1e.300 m must be positive and at most 5 m"),
-        ({"height": 0.2, "step": 1e-6}, "makes more than 4000000 samples"),
-    ],
-)
-def test_impossible_planes_are_named(array: TransducerArray, arguments: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        sample_plane(array, np.ones(320), **arguments)
 
 
 def test_too_many_samples_for_a_large_array_are_refused() -> None:
@@ -56,12 +32,6 @@ def test_any_grid_holds_the_pressure_at_its_samples(name: str) -> None:
         assert field.pressure[index] == pytest.approx(expected, abs=1e-4 * np.abs(field.pressure).max())
 
 
-def test_a_horizontal_cut_is_the_plane() -> None:
-    plane = sample_plane(SMALL, DRIVE, 0.2, extent=0.05, step=0.01)
-    cut = sample_cut(SMALL, DRIVE, Grid.along("xy", (0, 0, 0.2), 0.05, 0.01))
-    np.testing.assert_array_equal(cut.pressure, plane.pressure)
-
-
 @pytest.mark.parametrize("name", GRIDS)
 def test_the_strongest_sample_is_found(name: str) -> None:
     field = (sample_volume if name == "box" else sample_cut)(SMALL, DRIVE, GRIDS[name])
@@ -87,11 +57,6 @@ def test_a_grid_of_the_wrong_kind_is_refused() -> None:
         PlaneField(GRIDS["box"], np.zeros((7, 5, 3), complex), Medium())
     with pytest.raises(ValueError, match=r"pressure has the shape \(3, 5, 7\), but the grid has \(7, 5, 3\)"):
         VolumeField(GRIDS["box"], np.zeros((3, 5, 7), complex), Medium())
-
-
-def test_a_cut_through_the_array_names_the_transducer(array: TransducerArray) -> None:
-    with pytest.raises(ValueError, match=r"the model 'piston' needs at least 4\.50 mm"):
-        sample_cut(array, np.ones(320), Grid.along("xz", (0, 5.15e-3, 0.02), 0.04, 1e-3))
 
 
 def test_the_strongest_plane_of_a_box_is_sampled_where_it_says() -> None:

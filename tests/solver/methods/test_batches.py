@@ -16,7 +16,7 @@ from phasewire.solver.accelerated.propagation import WaveTables
 from phasewire.solver.accelerated.updates import solve_batch
 from phasewire.solver.acoustics.tables import tables_of
 from phasewire.solver.methods import batches
-from phasewire.solver.methods.batches import BATCH_BYTES, batch_size, drive_batches, padded_points, recipe_of
+from phasewire.solver.methods.batches import BATCH_BYTES, batch_size, drive_batches, recipe_of
 from phasewire.solver.methods.methods import options_of
 from phasewire.solver.methods.reference import misfit
 
@@ -119,27 +119,6 @@ def test_tikhonov_is_as_good_as_the_double_one(options: dict[str, Any], seed: in
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [{}, {"gamma": 0.3, "mu": 0.3}, {"output": "limited"}], ids=str)
-@given(SEEDS)
-@settings(max_examples=4)
-def test_tikhonov_is_the_double_one(options: dict[str, Any], seed: int) -> None:
-    """With points on a lattice of 12 mm, ratios of |p| to 1e-3 of the strongest, and phases to 0.2 degrees rms."""
-    rng = np.random.default_rng(seed)
-    lattice = np.stack(np.meshgrid(*[np.arange(-5, 6) * 0.012] * 2, [0.15, 0.2, 0.25]), axis=-1).reshape(-1, 3)
-    frames = [ControlPoints(rng.permutation(lattice)[:m], rng.uniform(0.1, 1, m)) for m in rng.integers(33, 49, 8)]
-    array, options = TransducerArray.grid(), options | {"phase_steps": 0}
-    double = solve_frames(array, frames, "tikhonov", precision="double", **options)
-    for points, one, other in zip(frames, batch(array, frames, "tikhonov", **options), double, strict=True):
-        reached, expected = felt(array, points, one), felt(array, points, other)
-        assert reached.mean() == pytest.approx(expected.mean(), rel=0.01)
-        np.testing.assert_allclose(
-            reached / reached.mean(), expected / expected.mean(), atol=1e-3 * expected.max() / expected.mean()
-        )
-        counts = np.abs(other) > 0.1
-        assert np.degrees(np.sqrt(np.mean(np.angle(one * other.conj())[counts] ** 2))) < 0.2
-
-
-@pytest.mark.slow
 @given(SEEDS)
 @FEW
 def test_multiplexing_is_the_double_one(seed: int) -> None:
@@ -148,19 +127,6 @@ def test_multiplexing_is_the_double_one(seed: int) -> None:
     for points, one, other in zip(frames, batch(array, frames, "multiplex"), double, strict=True):
         expected = felt(array, points, other)
         np.testing.assert_allclose(felt(array, points, one), expected, atol=1e-3 * expected.max())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("model", ["monopole", "rayleigh", "rayleigh-1"])
-def test_every_model_is_solved(model: str) -> None:
-    transducer = Transducer(model=model, polarity=-1)
-
-    @given(SEEDS)
-    @settings(max_examples=3)
-    def check(seed: int) -> None:
-        check_as_good(*problem_of(seed, transducer), "tikhonov", Medium(25, absorbing=True))
-
-    check()
 
 
 @pytest.mark.slow
@@ -206,19 +172,6 @@ def test_a_point_out_of_reach_is_named_with_its_frame(array: TransducerArray) ->
 
 def test_no_frames_are_no_drives(array: TransducerArray) -> None:
     assert batch(array, [], "wgs").shape == (0, 320)
-
-
-@given(st.lists(st.integers(1, 4096), min_size=1))
-def test_few_sizes_hold_any_number_of_points(counts: list[int]) -> None:
-    sizes = padded_points(np.array(counts))
-    assert (sizes >= counts).all()
-    assert (sizes <= np.maximum(8, np.multiply(counts, 1.5))).all()
-    assert len(np.unique(padded_points(np.arange(1, 4097)))) == 19
-
-
-@pytest.mark.parametrize(("points", "transducers", "frames"), [(32, 320, 2048), (8, 320, 4096), (4096, 4880, 1)])
-def test_a_batch_has_the_frames_that_memory_has_room_for(points: int, transducers: int, frames: int) -> None:
-    assert batch_size(points, transducers) == frames
 
 
 def lowered(array: TransducerArray, frames: int, points: int) -> Any:

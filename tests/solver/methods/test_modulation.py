@@ -27,13 +27,6 @@ def random_drives(seed: int) -> NDArray[np.complex128]:
     return np.asarray(np.exp(2j * np.pi * rng.uniform(size=(2, 12))) * rng.uniform(0, 1, (2, 12)))
 
 
-def test_silence_is_a_frame_too() -> None:
-    frames, slots = Modulation.on_off([1j, 1], 150).slots()
-    assert frames.tolist() == [[1j, 1], [0, 0]]
-    assert slots == ((0, 133), (1, 133))
-    assert Modulation.sampled([1], [-0.0, 1, 0.0, 0.0]).slots()[1] == ((0, 50), (1, 50), (0, 100))
-
-
 @given(st.floats(0.5, 20_000), st.sampled_from([25_000.0, 40_000.0]), st.integers(1, 50))
 def test_a_sample_lasts_the_nearest_whole_number_of_carrier_periods(
     frequency: float, carrier: float, samples: int
@@ -61,17 +54,6 @@ def test_slots_follow_the_weights(weights: NDArray[np.float64], seed: int) -> No
     assert all(a[0] != b[0] for a, b in pairwise(slots))
     assert list(dict.fromkeys(frame for frame, _ in slots)) == list(range(len(frames)))
     assert len(frames) == len({tuple(row) for row in weights.tolist()})
-
-
-def test_on_and_off_make_two_over_pi_of_the_intensity(small: TransducerArray) -> None:
-    first, second = random_drives(1)
-    loud, other = (np.abs(pressure(small, drive, AT)) ** 2 for drive in (first, second))
-    on_off, both = Modulation.on_off(first), Modulation.two_sided(first, second)
-    np.testing.assert_allclose(intensity_component(small, on_off, AT), 2 / math.pi * loud)
-    np.testing.assert_allclose(intensity_component(small, both, AT), 2 / math.pi * np.abs(loud - other))
-    np.testing.assert_allclose(intensity_component(small, on_off, AT, harmonic=3), 2 / math.pi * loud / 3)
-    np.testing.assert_allclose(intensity_component(small, on_off, AT, harmonic=2), 0, atol=1e-9 * loud.max())
-    np.testing.assert_allclose(intensity_component(small, both, AT, harmonic=0), (loud + other) / 2)
 
 
 @pytest.mark.parametrize(("depth", "samples"), [(1.0, 50), (1.0, 7), (0.4, 20), (0.0, 10)])
@@ -116,16 +98,6 @@ def test_the_air_of_a_component_can_be_chosen(small: TransducerArray) -> None:
         intensity_component(small, slow, AT, medium=warm)
 
 
-def test_a_modulation_does_not_change() -> None:
-    source = np.ones((1, 3))
-    modulation = Modulation(source, source.T)
-    source[:] = 7
-    assert (modulation.drives == 1).all()
-    assert (modulation.weights == 1).all()
-    with pytest.raises(ValueError, match="read-only"):
-        modulation.weights[0] = 0
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -141,20 +113,3 @@ def test_a_modulation_does_not_change() -> None:
 def test_bad_modulations_are_named(arguments: tuple[Any, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Modulation(*arguments)
-
-
-def test_bad_arguments_are_named(small: TransducerArray) -> None:
-    with pytest.raises(ValueError, match=r"depth 1\.5 must be from 0 to 1"):
-        Modulation.sine([1], depth=1.5)
-    with pytest.raises(ValueError, match="samples 1 must be a whole number from 2"):
-        Modulation.sine([1], samples=1)
-    with pytest.raises(ValueError, match=r"the envelope must have the shape \(s,\), not \(1, 2\)"):
-        Modulation.sampled([1], [[1, 2]])
-    with pytest.raises(ValueError, match=r"the second drive has the shape \(3,\); it must be \(2,\)"):
-        Modulation.two_sided([1, 1], [1, 1, 1])
-    with pytest.raises(ValueError, match=r"the drive has the shape \(1, 1\); it must be \(n,\)"):
-        Modulation.on_off([[1]])
-    with pytest.raises(ValueError, match="harmonic -1 must be a whole number from 0"):
-        intensity_component(small, Modulation.on_off(np.ones(12)), AT, -1)
-    with pytest.raises(ValueError, match="drive has the shape"):
-        intensity_component(small, Modulation.on_off(np.ones(11)), AT)

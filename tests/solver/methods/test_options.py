@@ -3,15 +3,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from phasewire.solver.methods.methods import METHODS, options_of
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_every_method_has_the_options_that_it_names(method: str) -> None:
-    defaults = options_of(method)
-    assert defaults.output == METHODS[method].output
-    values = {name: getattr(defaults, name) for name in METHODS[method].options}
-    assert options_of(method, values | {"output": "solved"}).output == "solved"
+from phasewire.solver.methods.methods import options_of
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Medium, TransducerArray
 from phasewire.solver.acoustics.propagation import transfer_matrix
 from phasewire.solver.methods import reference
-from phasewire.solver.methods.options import TOLERANCE
 from phasewire.solver.methods.reference import Regularised, cold_start, misfit, phase_iteration, unit
 
 seeds = st.integers(0, 2**32 - 1)
@@ -25,17 +23,6 @@ def points_above(seed: int, m: int) -> np.ndarray:
 def random_system(seed: int, m: int, n: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     return rng.normal(size=(m, n)) + 1j * rng.normal(size=(m, n)), rng.uniform(0.1, 1, m)
-
-
-def test_a_single_point_is_equation_8(array: TransducerArray) -> None:
-    """x_q = conj(a_q)·A_C / Σ|a_q|², term by term; all methods without a preference for equal drives agree."""
-    matrix = transfer_matrix(array, [[0.01, -0.02, 0.2]])
-    by_hand = np.array([np.conj(a) / sum(abs(matrix[0]) ** 2) for a in matrix[0]])
-    assert matrix[0] @ by_hand == pytest.approx(1)  # equation (8) makes the amplitude it is asked for
-    one = np.ones(1)
-    np.testing.assert_allclose(reference.min_norm(matrix, one, one.astype(complex)), by_hand, rtol=1e-9)
-    tikhonov = Regularised(matrix, one, 0.0, 1e-9).solve(one.astype(complex))
-    np.testing.assert_allclose(tikhonov, by_hand, rtol=1e-6)
 
 
 def test_multiplexing_is_the_sum_of_times_of_flight(array: TransducerArray) -> None:
@@ -77,15 +64,6 @@ def test_the_paper_s_system_is_tikhonov_with_mu_1_in_pascals(seed: int, m: int, 
     np.testing.assert_allclose(literal, expected, atol=1e-8 * abs(expected).max())
 
 
-@given(seed=seeds, gamma=st.floats(0, 1))
-def test_a_single_point_s_drives_go_as_the_transfer_to_one_minus_gamma(seed: int, gamma: float) -> None:
-    """Why the root stands in σ: |x_q| ∝ |a_q|^{1−γ}, and γ = 1 equalises the drives exactly."""
-    matrix, _ = random_system(seed, 1, 20)
-    drive = Regularised(matrix, np.ones(1), gamma, 0.03).solve(np.ones(1, complex))
-    expected = np.abs(matrix[0]) ** (1 - gamma)
-    np.testing.assert_allclose(np.abs(drive) / np.abs(drive[0]), expected / expected[0], rtol=1e-9)
-
-
 @given(seed=seeds, m=st.integers(1, 30))
 def test_min_norm_is_the_pseudo_inverse(seed: int, m: int) -> None:
     """The smallest exact drive for fewer points than transducers, least squares for more."""
@@ -110,43 +88,6 @@ def test_phases_follow_equation_9_literally(array: TransducerArray, method: Any)
     np.testing.assert_allclose(
         phase_iteration(matrix @ matrix.conj().T, wanted, cold_start(7), 20, method), u, atol=1e-9
     )
-
-
-@given(seed=seeds, m=st.integers(2, 12))
-def test_the_power_method_finds_the_dominant_eigenvector(seed: int, m: int) -> None:
-    """Against LAPACK, if the gap of the eigenvalues lets it converge."""
-    matrix, wanted = random_system(seed, m, 30)
-    gram = matrix @ matrix.conj().T
-    values, vectors = np.linalg.eig(gram * (wanted / np.diag(gram).real))
-    order = np.argsort(values.real)
-    if values.real[order[-2]] > 0.9 * values.real[order[-1]]:
-        return
-    u, dominant = phase_iteration(gram, wanted, cold_start(m), 400, "power"), vectors[:, order[-1]]
-    assert abs(np.vdot(u, dominant)) == pytest.approx(np.linalg.norm(u) * np.linalg.norm(dominant), rel=1e-6)
-
-
-def test_a_symmetric_shape_does_not_stall(array: TransducerArray) -> None:
-    """Two points whose fields work against each other must end in antiphase; equal phases never get there."""
-    matrix = transfer_matrix(array, [[-0.006, 0, 0.2], [0.006, 0, 0.2]])
-    gram = matrix @ matrix.conj().T
-    assert gram[0, 1].real < 0
-    for method, steps in (("unit", 20), ("power", 40)):
-        u = unit(phase_iteration(gram, np.ones(2), cold_start(2), steps, method))  # type: ignore[arg-type]
-        assert u[1] / u[0] == pytest.approx(-1, abs=0.02)
-        stuck = unit(phase_iteration(gram, np.ones(2), np.ones(2, complex), steps, method))  # type: ignore[arg-type]
-        assert stuck[1] / stuck[0] == pytest.approx(1)
-
-
-@given(seeds)
-def test_phases_gain_on_equal_ones(seed: int) -> None:
-    """The point of section 3.2: the quadratic form uᴴ·R·u is larger than with all phases equal, or with random ones."""
-    matrix = transfer_matrix(TransducerArray.grid(), points_above(seed, 16))
-    gram = matrix @ matrix.conj().T
-    response = gram / np.diag(gram).real
-    chosen = phase_iteration(gram, np.ones(16), cold_start(16), 20)
-    random = np.exp(2j * np.pi * np.random.default_rng(seed).uniform(size=16))
-    gains = [(u.conj() @ response @ u).real for u in (chosen, np.ones(16), random)]
-    assert gains[0] > max(gains[1:])
 
 
 @given(seed=seeds, output=st.sampled_from(["solved", "phase", "limited"]))
@@ -183,17 +124,6 @@ def exactly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reference, "FLAT", 1e-8)
 
 
-def test_conjugate_gradients_end_at_the_smallest_least_squares_solution(exactly: None) -> None:
-    """Of the matrix without its part along the proportions, which need not be met; with fewer rows or more."""
-    rng = np.random.default_rng(7)
-    for rows, columns in ((6, 30), (12, 5)):
-        matrix, proportions = rng.normal(size=(rows, columns)), rng.uniform(0, 1, rows)
-        across = np.eye(rows) - np.outer(proportions, proportions) / (proportions @ proportions)
-        target = across @ rng.normal(size=rows)
-        found = reference.conjugate_gradients(matrix, target, proportions)
-        np.testing.assert_allclose(found, np.linalg.pinv(across @ matrix) @ target, atol=1e-7)
-
-
 def test_a_step_is_gauss_newton_by_finite_differences(exactly: None) -> None:
     """Derivatives of |p|, and of a null both parts of p, by turning one drive after the other a little."""
     matrix, wanted = random_system(3, 5, 16)
@@ -217,22 +147,6 @@ def test_a_step_is_gauss_newton_by_finite_differences(exactly: None) -> None:
     found = reference.correct(matrix, wanted, drive, 1)
     assert misfit(matrix @ found, wanted)[1] < misfit(start, wanted)[1]
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(drive).max())
-
-
-@given(seed=seeds, m=st.integers(2, 8))
-def test_corrections_end_where_another_optimiser_does(seed: int, m: int) -> None:
-    """Free phases of 24 drives can make m amplitudes as even as is wanted; SciPy's trust region finds such ones too."""
-    matrix, wanted = random_system(seed, m, 24)
-    begin = unit(multiplexed := reference.multiplex(matrix, wanted)) * np.sqrt(np.abs(multiplexed).mean())
-
-    def residuals(turns: np.ndarray) -> np.ndarray:
-        pressure = np.abs(matrix @ (begin * np.exp(1j * turns)))
-        return np.asarray(pressure / misfit(pressure, wanted)[0] - wanted)
-
-    best = np.sqrt(np.mean(scipy.optimize.least_squares(residuals, np.zeros(24)).fun ** 2))
-    found = reference.correct(matrix, wanted, begin, 60)
-    np.testing.assert_allclose(np.abs(found), np.abs(begin))
-    assert misfit(matrix @ found, wanted)[1] <= max(best, TOLERANCE)
 
 
 @given(seed=seeds, m=st.integers(2, 40), output=st.sampled_from(["solved", "phase", "limited"]))

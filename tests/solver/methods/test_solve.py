@@ -33,7 +33,7 @@ from phasewire import (
     two_sided,
 )
 from phasewire.solver import METHODS, Star
-from phasewire.solver.acoustics.propagation import Precision, transfer_matrix
+from phasewire.solver.acoustics.propagation import Precision
 from phasewire.solver.methods.methods import options_of
 from phasewire.solver.methods.solve import engine_for
 
@@ -98,14 +98,6 @@ def test_a_motion_in_any_order_of_memory_is_the_same(array: TransducerArray) -> 
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
-def test_two_points_at_one_place_are_one(array: TransducerArray, precision: Precision) -> None:
-    """Nothing but their common level can change."""
-    points = ControlPoints([[0.02, 0.01, 0.2]] * 2, [1, 0.1547])
-    plain, corrected = (solve(array, points, precision=precision, steps=steps).drive for steps in (0, 10))
-    np.testing.assert_allclose(corrected, plain, atol=1e-6)
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
 def test_corrections_of_contradicting_points_do_not_end_in_silence(precision: Precision) -> None:
     """One place with four strengths would be most even without any pressure."""
     points, panel = ControlPoints(np.tile([0.01, 0.0, 0.15], (4, 1)), [1, 0.5, 0, 0]), TransducerArray.grid(15, 5)
@@ -114,14 +106,6 @@ def test_corrections_of_contradicting_points_do_not_end_in_silence(precision: Pr
         for steps in (0, 30)
     )
     assert corrected > 0.49 * plain
-
-
-def test_corrected_full_power_is_even_too(array: TransducerArray) -> None:
-    """The paper leaves a spread of 10 to 30 per cent at full power."""
-    points = Star().sample()
-    plain, corrected = (felt(solve(array, points, method, output="phase")) for method in ("tikhonov", "wgs"))
-    assert corrected.std() / corrected.mean() < 1.01e-3
-    assert plain.std() / plain.mean() > 0.05
 
 
 @pytest.mark.parametrize("method", ["min_norm", "tikhonov", "wgs", "polish"])
@@ -141,27 +125,6 @@ def test_only_the_ratio_of_amplitudes_matters(array: TransducerArray, method: st
     positions = [[-0.03, 0, 0.2], [0.03, 0, 0.2]]
     quiet, loud = (solve(array, ControlPoints(positions, [s, s / 2]), method).drive for s in (1e-200, 1e200))
     np.testing.assert_allclose(quiet, loud, atol=1e-6)
-
-
-@pytest.mark.parametrize("method", METHOD_NAMES)
-@pytest.mark.parametrize("amplitudes", [(1, 0.5), (0.5, 1)])
-def test_a_point_of_half_the_amplitude_is_weaker(
-    array: TransducerArray, method: str, amplitudes: tuple[float, float]
-) -> None:
-    """Of two points far apart; if amplitudes were ignored, both would be alike."""
-    pressures = felt(solve(array, ControlPoints([[-0.05, 0, 0.2], [0.05, 0, 0.2]], amplitudes), method))
-    strong = int(np.argmax(amplitudes))
-    assert pressures[1 - strong] < 0.6 * pressures[strong]
-
-
-@pytest.mark.parametrize("method", METHOD_NAMES)
-def test_the_same_frames_give_the_same_bits(array: TransducerArray, method: str) -> None:
-    frames = [Sphere(palm=height).sample() for height in (0.18, 0.19, 0.2, 0.2, 0.21)]
-    first, second = Solver(array, method), Solver(array, method)
-    one, other = (np.stack([solver.solve(points).drive for points in frames]) for solver in (first, second))
-    assert one.tobytes() == other.tobytes()
-    first.forget()
-    assert first.solve(frames[0]).drive.tobytes() == one[0].tobytes()
 
 
 def coherences(array: TransducerArray, precision: Any, warm: bool) -> list[float]:
@@ -205,25 +168,6 @@ def test_phases_can_be_bounded_in_time(array: TransducerArray, precision: Any) -
         np.testing.assert_array_equal(bounded, counted)
 
 
-def test_a_refused_frame_leaves_the_solver_as_it_was(array: TransducerArray) -> None:
-    first, second = (Sphere(palm=height).sample() for height in (0.18, 0.19))
-    plain, refused = Solver(array), Solver(array)
-    for solver in (plain, refused):
-        solver.solve(first)
-    with pytest.raises(ValueError, match=r"control point 1 .* is on the array or behind it"):
-        refused.solve([[0, 0, 0.2], [0, 0, -0.2]])
-    assert refused.solve(second).drive.tobytes() == plain.solve(second).drive.tobytes()
-
-
-def test_points_among_facing_panels_are_solved_after_a_closer_look() -> None:
-    """They lie in the box in which a transducer may be too close."""
-    up = TransducerArray.grid(8, 8)
-    facing = TransducerArray.joined([up, up.placed(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.1])])
-    points = ControlPoints([[0.01, 0, 0.05], [-0.01, 0, 0.06]], [1, 0.5])
-    single, double = (felt(solve(facing, points, precision=precision)) for precision in ("single", "double"))
-    np.testing.assert_allclose(single, double, rtol=0.01)
-
-
 @pytest.mark.parametrize("method", METHOD_NAMES)
 @pytest.mark.parametrize("workers", [1, 3])
 def test_many_frames_are_single_ones(method: str, workers: int) -> None:
@@ -234,10 +178,6 @@ def test_many_frames_are_single_ones(method: str, workers: int) -> None:
     many = solve_frames(array, frames, method, workers=workers)
     for drive, points in zip(many, frames, strict=True):
         assert drive.tobytes() == solve(array, points, method).drive.astype(np.complex64).tobytes()
-
-
-def test_no_frames_are_no_drives(array: TransducerArray) -> None:
-    assert solve_frames(array, []).shape == (0, 320)
 
 
 @pytest.mark.parametrize("wanted", [Circle(), Circle(0.02).moved((0.03, 0, 0)) + Sphere()])
@@ -291,43 +231,6 @@ def test_a_point_in_the_plane_of_the_array_is_refused(array: TransducerArray, z:
         with pytest.raises(ValueError, match="is on the array or behind it"):
             solve(array, [point])
     assert np.abs(solve(array, [[0, 0, 1e-5]]).drive).max() == pytest.approx(1, abs=1e-5)
-
-
-def test_a_transducer_that_looks_away_stays_silent() -> None:
-    array = TransducerArray([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]], [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-    for method in METHODS:
-        drive = solve(array, ControlPoints([[0, 0, 0.2]]), method).drive
-        assert abs(drive[0]) == pytest.approx(1, rel=1e-5)  # in single precision
-        assert drive[1] == 0
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 33, 2000])
-def test_arrays_of_any_size(n: int) -> None:
-    """One transducer cannot tell points apart, two can serve two, and many serve them evenly."""
-    rng = np.random.default_rng(n)
-    array = TransducerArray(rng.uniform([-0.2, -0.2, -0.01], [0.2, 0.2, 0], (n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)))
-    points = ControlPoints([[0, 0, 0.2], [0.02, 0.01, 0.22]])
-    solution = solve(array, points)
-    if n == 1:
-        alone = np.abs(transfer_matrix(array, points.positions)[:, 0])
-        np.testing.assert_allclose(felt(solution), alone, rtol=1e-4)
-    else:
-        np.testing.assert_allclose(felt(solution) / felt(solution).mean(), 1, atol=0.01)
-
-
-def test_panels_around_the_points_serve_them_together() -> None:
-    """Two panels that face each other; their place in space does not change the solution."""
-    half_turn = np.diag([1.0, -1.0, -1.0])
-    panel = TransducerArray.grid(8, 8)
-    pair = TransducerArray.joined([panel, panel.placed(half_turn, [0, 0, 0.3])])
-    points = ControlPoints([[0.01, 0, 0.14], [-0.01, 0.01, 0.16]], [1, 0.7])
-    here = solve(pair, points)
-    np.testing.assert_allclose(felt(here) / points.amplitudes, (felt(here) / points.amplitudes).mean(), rtol=0.01)
-    assert felt(here).mean() > 1.5 * felt(solve(panel, points)).mean()
-    c, s = np.cos(0.7), np.sin(0.7)
-    turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-    there = solve(pair.placed(turn, [3, 4, -5]), ControlPoints(points.positions @ turn.T + [3, 4, -5], [1, 0.7]))
-    np.testing.assert_allclose(felt(there), felt(here), rtol=1e-3)
 
 
 def test_a_calibrated_array_is_solved_with_its_response(array: TransducerArray) -> None:
@@ -389,11 +292,6 @@ def test_points_beside_the_array_are_reachable(array: TransducerArray) -> None:
 def test_an_unknown_precision_is_named(array: TransducerArray) -> None:
     with pytest.raises(ValueError, match="precision 'half' must be one of double, single"):
         Solver(array, precision="half")  # type: ignore[arg-type]
-
-
-def test_a_plain_array_of_points_is_accepted(array: TransducerArray) -> None:
-    positions = np.asfortranarray([[0.0, 0, 0.2], [0.02, 0.01, 0.2]])
-    assert solve(array, positions).drive.tobytes() == solve(array, ControlPoints(positions.tolist())).drive.tobytes()
 
 
 @pytest.mark.parametrize("method", METHOD_NAMES)

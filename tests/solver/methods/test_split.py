@@ -51,19 +51,6 @@ def test_the_plane_is_the_median_of_the_first_principal_component(seed: int, m: 
     np.testing.assert_allclose(result.axis, direction, atol=1e-9)
 
 
-@given(SEEDS, st.integers(1, 30), st.tuples(*[st.floats(-0.5, 0.5)] * 3))
-def test_moving_turning_and_reordering_change_nothing(seed: int, pairs: int, shift: tuple[float, ...]) -> None:
-    rng = np.random.default_rng(seed)
-    positions = cloud(rng, 2 * pairs)
-    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    order = rng.permutation(2 * pairs)
-    assume(apart(positions) and apart(positions @ turn))
-    mask = split(ControlPoints(positions)).mask
-    np.testing.assert_array_equal(split(ControlPoints(positions + shift)).mask, mask)
-    np.testing.assert_array_equal(split(ControlPoints(positions[order])).mask, mask[order])
-    assert sides(split(ControlPoints(positions @ turn)).mask) == sides(mask)
-
-
 @given(st.lists(st.tuples(*[st.floats(-0.1, 0.1)] * 3), min_size=1, max_size=40), SEEDS)
 def test_halves_of_any_points_differ_by_at_most_one(positions: list[tuple[float, ...]], seed: int) -> None:
     """Repeated points, points on a line and points on a plane included, after any previous split."""
@@ -72,38 +59,6 @@ def test_halves_of_any_points_differ_by_at_most_one(positions: list[tuple[float,
     for result in (split(points), split(points, before)):
         assert result.mask.sum() == (len(points) + 1) // 2
         assert np.linalg.norm(result.axis) == pytest.approx(1)
-
-
-@pytest.mark.parametrize("name", DEGENERATE)
-def test_the_first_half_is_the_left_one_if_every_direction_is_principal(name: str) -> None:
-    """Shapes that are symmetric about more than two axes have one variance in all directions of their plane."""
-    positions = parse_shape(name).sample().positions
-    sizes = np.linalg.svd(positions - positions.mean(axis=0))[1]
-    assert sizes[1] == pytest.approx(sizes[0])
-    result = split(ControlPoints(positions))
-    np.testing.assert_allclose(result.axis, [1, 0, 0], atol=1e-9)
-    x = positions[:, 0] - positions[:, 0].mean()
-    assert x[result.mask].max() <= x[~result.mask].min() + 1e-4
-
-
-def test_a_clear_principal_component_goes_before_x() -> None:
-    """The variance of the rings across their axis is 0.61 of that along it."""
-    turn = np.array([[0.5, 0.75**0.5, 0], [-(0.75**0.5), 0.5, 0], [0, 0, 1]])
-    rings = parse_shape("rings").sample().positions @ turn
-    np.testing.assert_allclose(split(ControlPoints(rings)).axis, [0.5, 0.75**0.5, 0], atol=1e-9)
-
-
-def test_the_first_half_of_a_line_along_y_is_the_lower_one() -> None:
-    for lean in (-0.001, 0.001):
-        points = ControlPoints([[lean * i, 0.02 * i, 0.2] for i in range(-2, 3)])
-        assert split(points).mask.tolist() == [True] * 3 + [False] * 2
-
-
-def test_points_on_the_plane_are_split_by_y() -> None:
-    positions = [[0, 0.04, 0.2], [-0.04, 0, 0.2], [0.04, 0, 0.2], [0, -0.04, 0.2]]
-    assert split(ControlPoints(positions)).mask.tolist() == [False, True, False, True]
-    upright = [[0, 0, 0.24], [-0.04, 0, 0.2], [0.04, 0, 0.2], [0, 0, 0.16]]
-    assert split(ControlPoints(upright)).mask.tolist() == [False, True, False, True]
 
 
 @pytest.mark.parametrize("name", [*DEGENERATE, "rings", "polyline", "sphere"])
@@ -136,20 +91,6 @@ def test_the_axis_follows_a_shape_that_turns_and_never_turns_round(name: str) ->
     assert sum(swapped) <= 2 * 2 * 2 * len(positions)  # each point crosses the plane at most twice a turn, with another
 
 
-def test_two_points_change_sides_once_each_is_beyond_the_other() -> None:
-    """The outer points keep the plane where it is; the inner ones pass each other."""
-
-    def at(x: float) -> ControlPoints:
-        return ControlPoints([[-0.04, 0, 0.2], [0.04, 0, 0.2], [-x, 0.01, 0.2], [x, -0.01, 0.2]])
-
-    state = split(at(0.003))
-    masks = []
-    for x in (0.003, -0.5 * HOLD, 0.5 * HOLD, -0.8 * HOLD, -1.2 * HOLD, 0.8 * HOLD, 1.2 * HOLD):
-        state = split(at(x), state)
-        masks.append(state.mask.tolist()[2:])
-    assert masks == [[True, False]] * 4 + [[False, True]] * 2 + [[True, False]]
-
-
 def test_identified_points_keep_their_half_when_others_come_and_go() -> None:
     """A point that has crossed the plane by less than `HOLD` stays in its half, at any place of the list."""
 
@@ -179,14 +120,6 @@ def test_nulls_are_in_both_halves_and_do_not_count() -> None:
     assert (first.amplitudes.tolist(), second.amplitudes.tolist()) == ([1] + [0] * 50, [0.5] + [0] * 50)
     np.testing.assert_array_equal(first.positions, np.delete(positions, 1, axis=0))
     np.testing.assert_array_equal(second.positions, np.delete(positions, 0, axis=0))
-
-
-@pytest.mark.parametrize("amplitudes", [[1.0], [0.0, 2.0], [0.0, 3.0, 0.0]])
-def test_one_point_has_no_second_half(amplitudes: list[float]) -> None:
-    points = ControlPoints([[0, 0, 0.2 + 0.01 * i] for i in range(len(amplitudes))], amplitudes)
-    first, second = split(points).halves(points)
-    assert second is None
-    np.testing.assert_array_equal(first.positions, points.positions)
 
 
 def test_a_split_of_other_points_is_refused() -> None:

@@ -22,7 +22,6 @@ from phasewire.base.errors import InputFileError
 from phasewire.base.extras import install_command
 from phasewire.solver.objects import volumes
 from phasewire.solver.objects.parsing import parse_object
-from phasewire.solver.objects.volumes import read_volume
 from pydicom.dataset import FileDataset, FileMetaDataset
 from pydicom.fileset import FileSet
 
@@ -125,15 +124,6 @@ def test_nifti_s_values_are_scaled(tmp_path: Path) -> None:
     image.header.set_slope_inter(0.01, -20)
     nibabel.save(image, tmp_path / "a.nii")
     is_the_ball(read_volume_mesh(tmp_path / "a.nii", 0))
-
-
-def test_a_dicom_folder(tmp_path: Path) -> None:
-    folder = dicom(tmp_path / "series", COUNTS)
-    (folder / "notes.txt").write_text("of another kind")
-    (folder / "DICOMDIR").write_bytes(bytes(128) + b"DICM")
-    is_the_ball(read_volume_mesh(folder, 0))
-    volume = read_volume(folder)
-    np.testing.assert_allclose(volume.values.transpose(2, 1, 0), np.maximum(BALL, -30), atol=0.0051)
 
 
 @pytest.mark.parametrize(

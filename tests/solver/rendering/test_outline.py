@@ -14,12 +14,6 @@ SIDE = 0.03 * np.sqrt(2)
 LINE = Polyline(vertices=((0.0, 0.0, 0.2), (0.04, 0.0, 0.2)))
 
 
-def test_lengths_are_those_of_the_shapes() -> None:
-    assert Outline.of(Circle(radius=0.03)).length == pytest.approx(2 * np.pi * 0.03, rel=1e-3)
-    assert Outline.of(SQUARE).length == pytest.approx(4 * SIDE, rel=1e-9)
-    assert Outline.of(ControlPoints([[0, 0, 0.2]])).length == 0
-
-
 def test_control_points_make_strokes_where_they_are_near_each_other() -> None:
     circle = Circle(radius=0.03, x=-0.04).sample(0.01) + Circle(radius=0.03, x=0.04).sample(0.01)
     strokes = Outline.of(circle).strokes

@@ -59,20 +59,6 @@ def test_two_sided_with_a_square_envelope_is_the_paper_s() -> None:
     assert frames == pytest.approx(wanted, abs=1e-6)
 
 
-@pytest.mark.parametrize("what", [RING, Star(), ControlPoints([[-0.02, 0, 0.2], [0.02, 0, 0.2]])])
-def test_the_quiet_halves_are_as_strong_as_those_that_are_switched(what: ControlPoints | Circle) -> None:
-    """By the change of the intensity at the modulation's frequency, of which a square wave has 4/π."""
-    at = what.sample().positions
-    quiet, switched = (
-        harmonics(course)[1] * course.mean(axis=0)
-        for course in (
-            intensity(render(ARRAY, what, "two-sided"), at),
-            np.repeat(intensity(render(ARRAY, what, "two-sided:envelope=square"), at), 100, axis=0),
-        )
-    )
-    assert 0.85 < quiet.mean() / switched.mean() < 1.1
-
-
 @pytest.mark.parametrize("way", ["two-sided", "lm", "stm", "stm:foci=3"])
 def test_a_steady_way_plays_pulses_of_one_width(way: str) -> None:
     """Neither the power of the array nor the duty of an output changes; only whole ticks of phase do."""
@@ -81,13 +67,6 @@ def test_a_steady_way_plays_pulses_of_one_width(way: str) -> None:
     pulses = quantise(cycle.drives)
     assert (pulses.width == 25).all()
     assert (pulses.phase % 2 == 1).all()
-
-
-@pytest.mark.parametrize("way", ["lm", "stm", "two-sided"])
-def test_the_end_of_a_cycle_goes_over_into_its_beginning(way: str) -> None:
-    drives = render(ARRAY, Circle(radius=0.03), way).drives
-    turned = np.abs(np.angle(drives * np.roll(drives, 1, axis=0).conj())).mean(axis=1)
-    assert turned[0] < 3 * np.median(turned)
 
 
 def test_lateral_modulation_keeps_its_strength_and_moves_across_its_line() -> None:
@@ -127,14 +106,6 @@ def test_a_cycle_has_the_frequency_that_whole_periods_allow(frequency: float, mo
     frames, hold = timing(frequency, most)
     assert 1 <= frames <= most
     assert abs(frames * hold - 40_000 / frequency) <= hold
-
-
-def test_slots_and_periods_are_the_cycle() -> None:
-    cycle = Cycle(np.array([[1], [1], [0.5], [1]], np.complex64), 3)
-    frames, steps = cycle.slots()
-    assert frames.ravel().tolist() == [1, 0.5]
-    assert steps == ((0, 6), (1, 3), (0, 3))
-    assert cycle.expanded(13)[:, 0].tolist() == [1] * 6 + [0.5] * 3 + [1] * 4
 
 
 @pytest.mark.parametrize(

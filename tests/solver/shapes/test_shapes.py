@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -28,13 +27,6 @@ from phasewire.solver.shapes.shapes import (
 )
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
-
-
-def test_the_demo_s_sphere_is_cut_in_a_circle_of_4_cm() -> None:
-    """5² = 3² + 4²."""
-    cut = Sphere(radius=0.05, height=0.17, palm=0.20).cut()
-    assert cut.radius == pytest.approx(0.04)
-    assert cut.height == 0.20
 
 
 @given(st.floats(0.01, 0.2), st.floats(0.1, 0.5), st.floats(-0.99, 0.99))
@@ -104,23 +96,6 @@ def test_points_are_moved_and_added_with_their_amplitudes() -> None:
     np.testing.assert_array_equal(more.amplitudes, [1, 0.5, 1, 0.5])
     np.testing.assert_array_equal(ControlPoints(points.positions, 0.3).amplitudes, [0.3, 0.3])
     assert points.sample(0.001) is points
-
-
-@pytest.mark.parametrize(
-    ("make", "error", "message"),
-    [
-        (lambda: Circle().moved(3), ValueError, r"offset 3.0 must be three numbers of metres"),
-        (lambda: Circle().scaled(0), ValueError, "scale 0 must be from 1e-06"),
-        (lambda: Circle().rotated(90, (0, 0, 0)), ValueError, "axis .* not all of them 0"),
-        (lambda: Circle() + 3, TypeError, "unsupported operand"),  # type: ignore[operator]
-        (lambda: ControlPoints([[0, 0, 1]], -1), ValueError, "amplitude -1.0 of control point 0"),
-    ],
-)
-def test_impossible_copies_and_sums_are_refused(
-    make: Callable[[], object], error: type[Exception], message: str
-) -> None:
-    with pytest.raises(error, match=message):
-        make()
 
 
 def test_shapes_and_points_are_added_by_sum() -> None:
@@ -244,12 +219,6 @@ def test_the_rings_have_16_points_each() -> None:
         np.testing.assert_allclose(steps, 2 * 0.03 * math.sin(math.pi / 16))
 
 
-def test_the_rings_are_mirror_images_with_odd_numbers_too() -> None:
-    positions = Rings().sample(2 * math.pi * 0.032 / 17).positions
-    assert len(positions) == 34
-    np.testing.assert_allclose(np.sort(-positions[:17, 0]), np.sort(positions[17:, 0]), atol=1e-12)
-
-
 def test_rings_that_cross_in_a_sample_share_one_point() -> None:
     """The right ring meets the left one at acos(-distance/2/radius), here its fifth step of 22.5°, and once below."""
     positions = Rings(0.03, 2 * 0.03 * math.cos(math.radians(67.5))).sample().positions
@@ -295,15 +264,6 @@ def test_the_asterisk_has_six_equal_arms_of_four_and_three_points() -> None:
     assert pdist(positions).min() == pytest.approx(0.006 * math.sqrt(3))  # the triangle around the centre
 
 
-def test_the_default_polygon_is_figure_4_s_square() -> None:
-    """100 mm hold 6.67 steps of 15 mm: seven on each side, with all four corners."""
-    positions = Polygon().sample().positions
-    assert len(positions) == 28
-    np.testing.assert_allclose(np.abs(positions[:, :2]).max(axis=1), 0.05, rtol=1e-4)
-    for corner in ((0.05, 0.05), (-0.05, 0.05), (-0.05, -0.05), (0.05, -0.05)):
-        assert np.linalg.norm(positions[:, :2] - corner, axis=1).min() < 1e-5
-
-
 @given(st.integers(3, 12), st.floats(0.03, 0.06), st.floats(-360, 360), st.floats(0.002, 0.02))
 def test_a_polygon_is_as_symmetric_as_its_points(sides: int, radius: float, rotation: float, spacing: float) -> None:
     positions = Polygon(sides, radius, rotation, x=0.01).sample(spacing).positions[:, :2] - [0.01, 0]
@@ -316,14 +276,6 @@ def test_a_polygon_is_as_symmetric_as_its_points(sides: int, radius: float, rota
     outwards = np.radians(rotation - 90 + 360 / sides * np.arange(sides))
     reach = positions @ np.stack([np.cos(outwards), np.sin(outwards)])
     np.testing.assert_allclose(reach.max(axis=1), apothem)  # on a side, and the first side faces -y
-
-
-def test_sides_too_short_for_a_point_each_are_cut_as_one_line() -> None:
-    """A polygon of 100 sides is nearly the circle, with its 17 points."""
-    positions = Polygon(sides=100, radius=0.04).sample().positions
-    assert len(positions) == 17
-    steps = np.linalg.norm(np.roll(positions, -1, axis=0) - positions, axis=1)
-    np.testing.assert_allclose(steps, 2 * 0.04 * math.sin(math.pi / 17), rtol=1e-3)
 
 
 def walk(vertices: list[list[float]], step: float, count: int) -> list[list[float]]:
@@ -366,16 +318,6 @@ def test_repeated_corners_add_nothing() -> None:
     once, twice = (Polyline(((0, 0, 0.2),) * n + ((0.03, 0, 0.2),) * n).sample().positions for n in (1, 2))
     np.testing.assert_array_equal(once, twice)
     np.testing.assert_allclose(once[:, 0], [0, 0.015, 0.03])
-
-
-def test_a_line_shorter_than_half_the_spacing_is_its_middle() -> None:
-    assert Polyline(((0, 0, 0.2), (0.006, 0, 0.2))).sample(0.015).positions.tolist() == [[0.003, 0, 0.2]]
-    assert len(Polyline(((0, 0, 0.2), (0.008, 0, 0.2))).sample(0.015)) == 2
-
-
-def test_a_line_to_and_fro_has_each_point_once() -> None:
-    positions = Polyline(((0, 0, 0.2), (0.06, 0, 0.2)), closed=True).sample(0.02).positions
-    np.testing.assert_allclose(positions[:, 0], [0, 0.02, 0.04, 0.06])
 
 
 @given(st.text())

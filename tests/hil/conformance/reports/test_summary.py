@@ -9,11 +9,8 @@ from signal import SIGINT, SIGTERM
 import pytest
 from phasewire.hil.conformance.reports.summary import (
     RunOutcome,
-    by_reason,
-    groups,
     outcome,
     rolled_up,
-    standing,
     verdict_line,
     why,
 )
@@ -83,36 +80,6 @@ def test_the_line_and_the_outcome_agree_with_the_run() -> None:
         for known in (None, "x"):
             found = run(*verdicts, known=known)
             assert verdict_line(found).startswith("FAIL") == (not found.passed) == (outcome(found) is RunOutcome.FAIL)
-
-
-def test_results_stand_where_they_were_expected() -> None:
-    assert [standing(result).value for result in EVERY.results] == [
-        "pass",
-        "fail",
-        "known failure",
-        "unexpected pass",
-        "warn",
-        "inconclusive",
-        "inconclusive",
-        "inconclusive",
-        "not applicable",
-    ]
-    unexpected = replace(EVERY.results[4], known="x")  # a warning although a failure was expected
-    assert standing(unexpected) == "unexpected pass"
-
-
-def test_results_are_grouped_in_the_order_of_the_run_and_reasons_by_how_many_have_them() -> None:
-    assert {name: len(found) for name, found in groups(EVERY).items()} == {"blocks": 4, "usb": 4, "serial": 1}
-    inconclusive = [result for result in reversed(EVERY.results) if result.verdict is OPEN]
-    found = by_reason(inconclusive)
-    assert [(reason, len(cases)) for reason, cases in found.items()] == [
-        ("needs an analyser: --capture X", 2),
-        ("needs --allow reset", 1),
-    ]
-    slow = [replace(inconclusive[0], reason=f"too slow: {seconds} s") for seconds in ("0.2", "13", "0.25")]
-    assert [(reason, len(cases)) for reason, cases in by_reason(slow).items()] == [
-        ("too slow: 0.2 s (others: other numbers)", 3)
-    ]
 
 
 @pytest.mark.parametrize(

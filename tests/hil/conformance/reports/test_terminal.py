@@ -58,10 +58,6 @@ def test_without_a_terminal_each_failure_and_each_group_has_a_line_that_stays() 
     ]
 
 
-def test_cases_that_a_recording_shows_are_counted_again() -> None:
-    assert watched(console(terminal=False), times=2) == 2 * watched(console(terminal=False))
-
-
 def test_a_step_for_the_user_is_shown_with_and_without_a_terminal() -> None:
     for terminal in (True, False):
         out = console(terminal=terminal)
@@ -75,14 +71,6 @@ def test_on_a_terminal_one_line_follows_the_cases_and_what_breaks_stays() -> Non
     stays = [line.split("\x1b[2K")[-1] for line in shown.split("\n")]
     assert stays == [*BROKE, ""]
     assert shown.count("\n") == 2
-
-
-def test_the_live_line_fits_into_the_terminal() -> None:
-    out = console(terminal=True, width=20)
-    LiveLine(out).began("blocks/" + 50 * "x", 1, 100)
-    (line,) = re.findall(r"  1/100.*", written(out))
-    assert len(line) < 20
-    assert line.endswith("…")
 
 
 def test_a_failure_is_shown_with_what_a_repair_needs() -> None:
@@ -142,9 +130,3 @@ def test_a_reason_of_several_lines_is_indented_whole_and_wrapped_on_a_terminal_a
     wrapped = [line for line in written(out).splitlines() if "word" in line]
     assert len(wrapped) == 5
     assert all(line.startswith("    ") and len(line) <= 60 for line in wrapped)
-
-
-def test_long_evidence_is_cut_and_says_so() -> None:
-    bad = EVERY.results[1]
-    long = replace(bad, evidence=(replace(bad.evidence[0], text=1000 * "ab "),))
-    assert "… (3000 characters)\n" in told(replace(CLEAN, results=(long,)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from phasewire import Emulator, Pulses, Wiring, open_device
+from phasewire import Emulator
 from phasewire.hil.conformance.sight.capture import EmulatorObserver, Seen, Unseen
 
 from tests import from_spec
@@ -19,25 +19,6 @@ NONE = np.zeros(10, np.uint32)
 def seen_of(waves: dict[int, str], first_period: int = 0, observed: np.ndarray = ALL) -> Seen:
     words = HandMade.of(waves).words
     return Seen(first_period, first_period + len(words) // 50, words, observed)
-
-
-def test_an_emulator_s_outputs_are_those_of_its_capture() -> None:
-    rng = np.random.default_rng(7)
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        observer = EmulatorObserver(emulator)
-        ack = device.show(Pulses(rng.integers(0, 100, 320), rng.integers(0, 26, 320)))
-        emulator.run_until(ack.commit_period + 7)
-        now = emulator.scheduler.now
-        seen = observer.seen(ack.commit_period - 2, ack.commit_period + 5)
-        assert emulator.scheduler.now == now
-        capture = emulator.capture()
-    expected = capture.bits((ack.commit_period - 2) * 50, (ack.commit_period + 5) * 50)
-    assert np.array_equal(seen.words, expected)
-    assert seen.words.any()
-    assert np.array_equal(seen.period(ack.commit_period + 4), expected[6 * 50 :])
-    assert np.array_equal(seen.observed, ALL)
-    assert seen.channels.all()
-    assert (observer.name, observer.deferred) == ("emulator", False)
 
 
 def test_what_is_not_over_or_forgotten_is_unseen() -> None:
@@ -136,7 +117,3 @@ def test_the_wrong_shape_and_the_wrong_period_are_named() -> None:
         seen.pulses(2, 4)
     with pytest.raises(ValueError, match="read-only"):
         seen.words[0, 0] = 1
-
-
-def test_pins_are_named_as_exports_name_them() -> None:
-    assert [Wiring(np.arange(320)).pin(channel).name for channel in (0, 167, 319)] == ["b0p0_00", "b2p1_07", "b4p1_31"]

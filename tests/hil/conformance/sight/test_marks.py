@@ -39,22 +39,6 @@ def test_the_pulse_of_a_mark_begins_with_its_period() -> None:
     } == {frozenset({0, 1, 2})}
 
 
-@given(st.integers())
-def test_a_plan_goes_on_and_off_from_silence_to_silence(seed: int) -> None:
-    plan = Mark.plan(Random(seed))
-    assert [on for _, on in plan] == [False, True] * 6 + [False]
-    assert all(2 <= gap <= 40 for gap, _ in plan)
-    assert plan == Mark.plan(Random(seed))
-    assert plan != Mark.plan(Random(seed + 1))
-
-
-def test_a_mark_is_on_from_its_first_to_its_last_period() -> None:
-    mark = Mark(((3, False), (10, True), (12, False), (20, True), (25, False)))
-    assert (mark.first_period, mark.last_period) == (10, 25)
-    assert mark.edges.tolist() == [500, 553, 1000, 1203]
-    assert Mark(mark.changes[1:]).edges.tolist() == [500, 553, 1000, 1203]
-
-
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [

@@ -52,14 +52,6 @@ def record(
     write(path, analyser.rate, samples, probes, parts)
 
 
-@pytest.mark.parametrize("channels", [range(320), range(64, 192), [319, 5, 167]])
-def test_our_own_export_is_read_to_the_bit(played: Played, channels: list[int], tmp_path: Path) -> None:
-    export(played.capture, tmp_path / "a.sr", list(channels))
-    observer = SigrokObserver(tmp_path / "a.sr", {}, played.marks)
-    assert equal(observer.seen(*played.stretch), played, dict.fromkeys(channels))
-    assert (observer.name, observer.deferred) == (f"sigrok:{tmp_path / 'a.sr'}", True)
-
-
 def test_an_export_that_begins_in_the_middle_is_read_from_its_second_mark(played: Played, tmp_path: Path) -> None:
     begin = played.marks[1].changes[0][0] * 50 + 17
     export(played.capture, tmp_path / "a.sr", ticks=(begin, played.capture.end_tick))
@@ -68,17 +60,6 @@ def test_an_export_that_begins_in_the_middle_is_read_from_its_second_mark(played
     assert equal(observer.seen(played.marks[1].last_period, last), played, dict.fromkeys(range(320)))
     with pytest.raises(Unseen, match=rf"periods {played.stretch[0]} to {last} lie nowhere in .*a\.sr between"):
         observer.seen(played.stretch[0], last)
-
-
-@pytest.mark.parametrize("ppm", [-60.0, 0.0, 60.0])
-@pytest.mark.parametrize(("rate", "per_tick"), [("24 MHz", 12.0), ("12.5 MHz", 6.25), ("8000000", 4.0)])
-def test_an_analyser_s_clock_does_not_matter(
-    played: Played, rate: str, per_tick: float, ppm: float, tmp_path: Path
-) -> None:
-    """Two boards, a clock of its own, jitter of a sample, and a start in the middle of a tick."""
-    record(tmp_path / "a.sr", played, Analyser(rate, per_tick, ppm, jitter=True), TWO_BOARDS, start=1234.56)
-    seen = SigrokObserver(tmp_path / "a.sr", {}, played.marks).seen(*played.stretch)
-    assert equal(seen, played, TWO_BOARDS)
 
 
 @settings(max_examples=15)
@@ -103,24 +84,12 @@ def test_any_rate_and_any_start_will_do(
     assert equal(SigrokObserver(path, {}, played.marks).seen(*played.stretch), played, SEVEN)
 
 
-def test_one_probe_is_enough(played: Played, tmp_path: Path) -> None:
-    record(tmp_path / "a.sr", played, Analyser("24 MHz", 12.0, 20.0), {167: "D7"}, start=5000.1)
-    seen = SigrokObserver(tmp_path / "a.sr", {"D7": 167}, played.marks).seen(*played.stretch)
-    assert equal(seen, played, {167: ""})
-
-
 def test_probes_are_where_the_profile_says(played: Played, tmp_path: Path, scrambled: Wiring) -> None:
     names = {170: "D0", int(scrambled.channels[160]): "left = right", 66: "b1p0_02"}
     record(tmp_path / "a.sr", played, Analyser("10 MHz", 5.0), names)
     channels = Profile(probes={"D0": "b2p1_10", "left = right": "t160"}).channels(scrambled)
     assert channels == {"D0": 170, "left = right": scrambled.channels[160]}
     assert equal(SigrokObserver(tmp_path / "a.sr", channels, played.marks).seen(*played.stretch), played, names)
-
-
-def test_probes_that_are_nowhere_may_share_a_name(tmp_path: Path) -> None:
-    path = archive(tmp_path / "a.sr", metadata("probe1=b0p0_00", "probe1=NC\nprobe2=NC\nprobe3=b0p0_00\nprobe17=NC"))
-    with pytest.raises(InputFileError, match="was not recorded during this run"):
-        SigrokObserver(path, {}, []).seen(1, 2)
 
 
 def test_small_pieces_give_the_same(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -291,28 +260,11 @@ def test_a_map_of_other_probes_is_refused(played: Played, tmp_path: Path) -> Non
         SigrokObserver(path, {"D1": 0}, played.marks).seen(1, 2)
 
 
-def test_a_file_that_is_no_whole_archive_is_refused(played: Played, tmp_path: Path) -> None:
-    path = tmp_path / "a.sr"
-    path.write_text("b0p0_00,0,0,1\n")
-    with pytest.raises(InputFileError, match=r"a\.sr is no sigrok session file, or damaged"):
-        SigrokObserver(path, {}, played.marks).seen(1, 2)
-    export(played.capture, path, range(64))
-    path.write_bytes(path.read_bytes()[:-500])
-    with pytest.raises(InputFileError, match=r"a\.sr is no sigrok session file, or damaged"):
-        SigrokObserver(path, {}, played.marks).seen(1, 2)
-
-
 def test_a_flipped_bit_in_the_samples_is_an_error(played: Played, tmp_path: Path) -> None:
     path = archive(tmp_path / "a.sr", {"logic-1-2": bytes(1000) + b"here" + bytes(1000)})
     path.write_bytes(path.read_bytes().replace(b"here", b"hera"))
     with pytest.raises(InputFileError, match=r"a\.sr is damaged: .*logic-1-2"):
         SigrokObserver(path, {}, played.marks).seen(1, 2)
-
-
-def test_a_file_that_is_not_there_is_an_os_error(played: Played, tmp_path: Path) -> None:
-    observer = SigrokObserver(tmp_path / "a.sr", {}, played.marks)
-    with pytest.raises(FileNotFoundError):
-        observer.seen(1, 2)
 
 
 @pytest.mark.slow
