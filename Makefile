@@ -18,10 +18,10 @@ demo: $(VENV)/ready          ## a sphere on a palm, through five emulated boards
 	@$(BIN)/phasewire demo
 
 test: $(VENV)/ready          ## the tests, without the slow ones
-	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "not slow and not guest and not page" $(PYTEST_ARGS)
+	@$(BIN)/pytest -q -n $(TEST_PROCESSES) --dist worksteal -m "not slow and not guest and not page" $(PYTEST_ARGS)
 
 test-slow: $(VENV)/ready     ## the tests that take seconds each
-	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "slow and not guest and not page" $(PYTEST_ARGS)
+	@$(BIN)/pytest -q -n $(TEST_PROCESSES) --dist worksteal -m "slow and not guest and not page" $(PYTEST_ARGS)
 
 test-usb: $(VENV)/ready      ## a Linux kernel in QEMU uses the emulated device; it needs packages of Debian (see .ci/run)
 	@timeout --foreground --kill-after=60 1800 $(BIN)/pytest -q -rs -n 0 -m "guest and not guest_slow and not guest_newest" tests/guest $(PYTEST_ARGS)

@@ -160,7 +160,7 @@ def run(
         if s[st.STATE + t] == st.PAUSED:  # something may have come from outside
             s[st.READY + t] = min(s[st.READY + t], s[st.CYCLE] + 1)
     while True:
-        t, now, other = 0, s[st.READY], st.NEVER
+        t, now, other = int64(0), s[st.READY], st.NEVER  # for a plain 0 numba compiles every callee once more
         for u in range(1, st.THREADS):
             time = s[st.READY + u]
             if time < now:
