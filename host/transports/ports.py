@@ -132,7 +132,7 @@ def _disconnect(port: Any) -> None:
 class Rfc2217Port(rfc2217.Serial):
     """pyserial's port by RFC 2217."""
 
-    refusal, is_connection = HELD, True
+    refusal = HELD
 
     def open(self) -> None:
         """Connect."""
@@ -150,7 +150,7 @@ class Rfc2217Port(rfc2217.Serial):
 class SocketPort(protocol_socket.Serial):
     """pyserial's port over TCP, without what makes it slow: it waited to send, and told of one byte at a time."""
 
-    refusal = HELD
+    refusal, is_connection = HELD, True
 
     def open(self) -> None:
         """Connect."""
