@@ -60,7 +60,7 @@ class Entry:
     record : callable
         Takes seconds; has the scene played for so long, beginning at rest, and returns the recording.
     rows : dict of callable
-        For a row, a function that takes a recording and its seconds to an array or frame with a ``shape``, or
+        A function for each row that takes a recording and its seconds to an array or frame with a shape, or
         several; of a field that is (points, moments).
     notes : list of str
         What one must know to read the numbers.
