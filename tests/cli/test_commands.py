@@ -374,7 +374,6 @@ BAD = [
         2,
         "'cube' is no shape or file of points; it is an object for `phasewire touch`",
     ),
-    (("solve", "cube", "-o", "x.npz"), 2, "; it is an object for `phasewire touch`"),
     (("play", "cup.STL:scale=0.001"), 2, "; it is an object for `phasewire touch`"),
     (("solve", "sphere:radus=1"), 2, "sphere has no parameter 'radus'; it has height, palm"),
     (("solve", "sphere:radius=0.04"), 2, "Missing option '--output' / '-o'"),
