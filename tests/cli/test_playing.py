@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import re
-from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -203,8 +202,8 @@ def test_an_option_without_effect_is_refused(phasewire: Run, files: Path, line: 
     assert not (files / "x.frames").exists()
 
 
-OPTIONS = [
-    f"{command} {option}"
+NUMBERS = [
+    f"{command} {option} {value}"
     for command, options in {
         "stream circle": ("--seconds", "--rate", "--spin", "--modulation", "--look-ahead"),
         "record circle -o x.frames": ("--seconds", "--rate", "--spin"),
@@ -212,8 +211,8 @@ OPTIONS = [
         "play circle": ("--seconds", "--modulation"),
     }.items()
     for option in options
+    for value in ("inf", "nan", "1e300")
 ]
-NUMBERS = [f"{option} {value}" for option, value in zip(OPTIONS, cycle(("inf", "nan", "1e300")), strict=False)]
 
 
 @pytest.mark.parametrize("line", NUMBERS)
