@@ -17,7 +17,7 @@ import json
 import random
 from collections import Counter, defaultdict
 
-from .mutation_score import BUILD, REACHED, ROOT
+from .mutation_score import BUILD, REACHED, ROOT, function_of
 
 LEAST_REACHING, LEAST_NOTICING = 2, 1
 CHANGE_WEIGHT = 20
@@ -36,19 +36,14 @@ def lengths() -> dict[str, int]:
     return found
 
 
-def _function(test: str) -> str:
-    path, *names = test.partition("[")[0].split("::")
-    return f"{path}::{names[-1]}"
-
-
 def main() -> None:
     """Print how many changes of the second half go unnoticed as tests go."""
     size = lengths()
     lines = Counter(
-        frozenset(map(_function, tests)) for of in json.loads(REACHED.read_text()).values() for tests in of.values()
+        frozenset(map(function_of, tests)) for of in json.loads(REACHED.read_text()).values() for tests in of.values()
     )
     entries = [json.loads(line)["found"] for line in (BUILD / "matrix.jsonl").read_text().splitlines()]
-    noticing = [tests for found in entries if (tests := {_function(each) for each in found if "::" in each})]
+    noticing = [tests for found in entries if (tests := {function_of(each) for each in found if "::" in each})]
     random.Random(1).shuffle(noticing)
     first, second = noticing[: len(noticing) // 2], noticing[len(noticing) // 2 :]
     left = [(set(tests), weight, LEAST_REACHING) for tests, weight in lines.items() if tests]

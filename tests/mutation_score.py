@@ -5,7 +5,7 @@ line; the second makes changes of a fixed seed, one at a time, and runs the test
 so in forks of one process that has imported all tests: a fork exchanges the code of the changed functions. What numba
 compiles is left out, as the tests compare it with readable oracles::
 
-    python -m tests.mutation_score reach                       # some ten minutes; writes build/mutation/
+    python -m tests.mutation_score reach                       # twice as long as `make test`; writes build/mutation/
     python -m tests.mutation_score judge --count 1500 --minutes 90   # goes on where it stopped
     python -m tests.mutation_score judge --count 400 --matrix        # all tests that notice, not only the first
     python -m tests.mutation_score report
@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import ast
 import contextlib
-import functools
 import gc
 import importlib
 import itertools
@@ -30,6 +29,7 @@ import sys
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
+from functools import _lru_cache_wrapper, partial
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any, NamedTuple
@@ -77,7 +77,7 @@ class Change(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of the change, the same in each run."""
+        """The change's name, the same in each run."""
         return f"{self.file}:{self.line}:{self.start}:{' '.join(self.text.split())}"
 
 
@@ -168,24 +168,30 @@ def reach(jobs: int) -> None:
 
 def tests_for(change: Change, reached: dict[str, dict[str, list[str]]], seconds: dict[str, float]) -> list[str]:
     """The tests that reach a change's line and passed without it, the quick ones first, as far as time allows."""
-    tests = [each for each in reached.get(change.file, {}).get(str(change.line), []) if _known(each) in seconds]
-    tests.sort(key=lambda each: seconds[_known(each)])
+    tests = [each for each in reached.get(change.file, {}).get(str(change.line), []) if known(each) in seconds]
+    tests.sort(key=lambda each: seconds[known(each)])
     left, chosen, cases = MOST_SECONDS, list[str](), Counter[str]()
     for each in tests:
-        cases[each.partition("[")[0]] += 1
-        if cases[each.partition("[")[0]] > MOST_CASES:
+        cases[function_of(each)] += 1
+        if cases[function_of(each)] > MOST_CASES:
             continue
-        left -= seconds[_known(each)] + 0.01
+        left -= seconds[known(each)] + 0.01
         if left < 0 and chosen:
             break
         chosen.append(each)
     return chosen
 
 
-def _known(test: str) -> str:
-    """A test as results.xml names it: a class of tests is not in its name there."""
-    path, *names = test.split("::")
+def function_of(test: str) -> str:
+    """The file and the function of a test, without its class and its parameters."""
+    path, *names = test.partition("[")[0].split("::")
     return f"{path}::{names[-1]}"
+
+
+def known(test: str) -> str:
+    """A test as results.xml names it: a class of tests is not in its name there."""
+    _, bracket, parameters = test.partition("[")
+    return function_of(test) + bracket + parameters
 
 
 class House:
@@ -201,7 +207,7 @@ class House:
                 self._functions[os.path.realpath(each.__code__.co_filename)].append(each)
             elif issubclass(kind, CPUDispatcher):
                 self._compiled.add(id(each.py_func))
-            elif kind is functools._lru_cache_wrapper and each.__module__.startswith(("phasewire", "tests")):
+            elif kind is _lru_cache_wrapper and each.__module__.startswith(("phasewire", "tests")):
                 self._caches.append(each)
 
     def altered(self, change: Change) -> list[tuple[FunctionType, CodeType]] | None:
@@ -215,9 +221,9 @@ class House:
         found = [(each, new[name]) for each, name in names if name in changed]
         return None if any(id(each) in self._compiled for each, _ in found) else found
 
-    def alter(self, change: Change) -> None:
-        """Make a change in this process."""
-        for function, code in self.altered(change) or ():
+    def alter(self, altered: list[tuple[FunctionType, CodeType]]) -> None:
+        """Give functions their new code in this process."""
+        for function, code in altered:
             function.__code__ = code
         for cache in self._caches:
             cache.cache_clear()
@@ -260,7 +266,7 @@ class Judging:
         reached, seconds = json.loads(REACHED.read_text()), json.loads(SECONDS.read_text())
         items = {each.nodeid: each for each in session.items}
         order = {each: number for number, each in enumerate(items)}
-        _run([next(its) for _, its in itertools.groupby(session.items, lambda item: item.path) if its][:WARMING])
+        _run([next(its) for _, its in itertools.groupby(session.items, lambda item: item.path)][:WARMING])
         for each in {change.file for change in self._changes}:
             with contextlib.suppress(ImportError):  # of an extra that is not installed
                 importlib.import_module(
@@ -276,25 +282,25 @@ class Judging:
             altered = house.altered(change)
             found = ["compiled"] if altered is None else ["not reached"]
             if tests and altered:
-                limit = PATIENCE_SECONDS + 3 * sum(seconds[_known(each)] for each in tests)
-                found = self._noticed(house, change, [items[each] for each in tests], limit)
+                limit = PATIENCE_SECONDS + 3 * sum(seconds[known(each)] for each in tests)
+                found = self._noticed(partial(house.alter, altered), [items[each] for each in tests], limit)
             with self._log.open("a") as file:
                 print(json.dumps({"name": change.name, "tests": len(tests), "found": found}), file=file)
         return True
 
-    def _noticed(self, house: House, change: Change, items: list[pytest.Item], limit: float) -> list[str]:
-        """The tests that notice a change; empty if none does."""
+    def _noticed(self, alter: Callable[[], None], items: list[pytest.Item], limit: float) -> list[str]:
+        """The tests that notice a change, which `alter` makes; empty if none does."""
         result = Path(f"{self._log}.{os.getpid()}")
         result.unlink(missing_ok=True)
         if not (child := os.fork()):
             with contextlib.suppress(BaseException):
                 os.setsid()
                 resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit)))
-                house.alter(change)
+                alter()
                 _run(items, stop=lambda: bool(self._failed) and not self._whole)
                 result.write_text(json.dumps(sorted(set(self._failed))))
             os._exit(0)
-        end = time.monotonic() + 1.5 * limit
+        end = time.monotonic() + 1.5 * limit  # by the wall clock, for what waits without end
         while not os.waitpid(child, os.WNOHANG)[0]:
             if time.monotonic() > end:
                 os.killpg(child, signal.SIGKILL)

@@ -150,7 +150,7 @@ class Rfc2217Port(rfc2217.Serial):
 class SocketPort(protocol_socket.Serial):
     """pyserial's port over TCP, without what makes it slow: it waited to send, and told of one byte at a time."""
 
-    refusal, is_connection = HELD, True
+    refusal, is_connection, has_break = HELD, True, False
 
     def open(self) -> None:
         """Connect."""

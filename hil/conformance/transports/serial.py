@@ -108,11 +108,11 @@ class PortWire:
         self._port: Any = load_by_scheme(PORTS, url)(url)
         self.name: str = self._port.name
         self.time: Timekeeper = getattr(self._port, "time", time)
-        # A port without a baud rate leads to the device by USB; a socket and a pseudo-terminal carry bytes alone.
+        # A port without a baud rate leads to the device by USB; a pseudo-terminal carries bytes alone.
         self._has_dtr = hasattr(self._port, "bytes_per_second")
         self.is_connection: bool = getattr(self._port, "is_connection", False)
-        bare = self.is_connection or os.path.realpath(self.name).startswith(PSEUDO_TERMINALS)
-        self.has_break = getattr(self._port, "has_break", not (self._has_dtr or bare))
+        bare = self._has_dtr or os.path.realpath(self.name).startswith(PSEUDO_TERMINALS)
+        self.has_break: bool = getattr(self._port, "has_break", not bare)
         self.bytes_per_second: float = getattr(self._port, "bytes_per_second", self._port.baudrate / UART_BITS_PER_BYTE)
         self._port.timeout = READ_SECONDS
         if self._port.write_timeout is not None:  # RFC 2217 has none

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import pytest
 from phasewire.base.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from phasewire.emulator import Emulator
+from phasewire.emulator.doors.serial_port import EmulatedPort
 from phasewire.hil.conformance.cases import Inconclusive
 from phasewire.hil.conformance.tools.frames import console_frame, request_frame
 from phasewire.hil.conformance.transports.serial import CdcWire, PortWire, RawSerialLine
@@ -81,6 +82,20 @@ def test_a_pseudo_terminal_and_a_socket_cannot_hang_up() -> None:
             with pytest.raises(Inconclusive, match="neither a break nor DTR"):
                 line.hang_up()
             line.close()
+
+
+def test_a_port_says_itself_that_it_has_no_break_or_is_a_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a port of another package may, whatever its scheme."""
+    with Emulator() as emulator:
+        url = f"{emulator.url}?door=serial"
+        plain = PortWire(url)
+        assert (plain.has_break, plain.is_connection) == (True, False)
+        plain.close()
+        monkeypatch.setattr(EmulatedPort, "has_break", False, raising=False)
+        monkeypatch.setattr(EmulatedPort, "is_connection", True, raising=False)
+        telling = PortWire(url)
+        assert (telling.has_break, telling.is_connection) == (False, True)
+        telling.close()
 
 
 def test_a_line_whose_other_end_is_gone_can_be_closed() -> None:
