@@ -342,7 +342,7 @@ def work(count: int, jobs: int, minutes: float, whole: bool, number: int) -> Non
 def report(log: Path) -> None:
     """Print the share of changes that were noticed, by room."""
     noticed, all_of = Counter[str](), Counter[str]()
-    for line in log.read_text().splitlines():
+    for line in log.read_text().splitlines() if log.exists() else []:
         entry = json.loads(line)
         if entry["found"] == ["compiled"]:
             continue
