@@ -45,10 +45,11 @@ firmware-mutants: $(VENV)/ready ## the conformance suite against the chain proce
 	@$(BIN)/python -m phasewire.hil.conformance.mutants.processors
 
 reference: $(VENV)/ready     ## the reference device in C: unit tests, sanitizers, a Cortex-M33, fuzzing, and bugs that the suite must catch
-	@$(MAKE) -s -C firmware check posix
-	@if command -v arm-none-eabi-gcc qemu-system-arm >/dev/null; then $(MAKE) -s -C firmware/cortex_m33 test size instructions; \
+	@$(MAKE) -s -j $(TEST_PROCESSES) -O -C firmware check
+	@$(MAKE) -s -j $(TEST_PROCESSES) -C firmware posix
+	@if command -v arm-none-eabi-gcc qemu-system-arm >/dev/null; then $(MAKE) -s -j $(TEST_PROCESSES) -O -C firmware/cortex_m33 test size instructions; \
 		else echo "no Cortex-M33: that needs arm-none-eabi-gcc, its C library and qemu-system-arm"; fi
-	@$(MAKE) -s -C firmware fuzz FUZZ_SECONDS=$(REFERENCE_FUZZ_SECONDS)
+	@$(MAKE) -s -j $(TEST_PROCESSES) -C firmware fuzz FUZZ_SECONDS=$(REFERENCE_FUZZ_SECONDS)
 	@$(BIN)/python -m phasewire.hil.conformance.mutants.core
 
 docs: $(VENV)/ready          ## the documents as a site, in build/docs/index.html; a broken link is an error

@@ -226,6 +226,12 @@ static bool is_idle(const struct machine *self)
         && idle_is(&self->life.device, &self->boards);
 }
 
+/* Whether it comes back to the bus with what lets it serve, which is due by itself. */
+static bool awaits_service(const struct machine *self)
+{
+    return !self->life.in_dfu && !pw_device_serving(&self->life.device) && self->back_at <= self->tick;
+}
+
 /* What happens next, but for the periods of the processors. */
 static uint64_t next_due(const struct machine *self)
 {
@@ -233,7 +239,7 @@ static uint64_t next_due(const struct machine *self)
         return self->power_at;
     }
     uint64_t due = self->life.in_dfu ? pw_dfu_due(&self->life.dfu) : pw_device_due(&self->life.device);
-    if (self->away && self->plugged) {
+    if (self->away && self->plugged && !awaits_service(self)) {
         due = earlier(due, self->back_at > self->tick ? self->back_at : self->tick + 1u);
     }
     if (self->memory.flash.busy) {

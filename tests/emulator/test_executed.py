@@ -51,17 +51,9 @@ def check(link: Link, base: int, steps: list[Step]) -> None:
 
 
 @BOTH_LINKS
-@settings(max_examples=5)
+@settings(max_examples=15)
 @given(base=BASES, steps=PROGRAMS)
 def test_random_programs_play_as_the_specification_says(link: Link, base: int, steps: list[Step]) -> None:
-    check(link, base, steps)
-
-
-@pytest.mark.slow
-@BOTH_LINKS
-@settings(max_examples=150)
-@given(base=BASES, steps=PROGRAMS)
-def test_many_random_programs_play_as_the_specification_says(link: Link, base: int, steps: list[Step]) -> None:
     check(link, base, steps)
 
 

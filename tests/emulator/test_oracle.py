@@ -329,19 +329,9 @@ def compare(link: Link, base: int, steps: Sequence[Step]) -> None:
 
 
 @BOTH_LINKS
-@settings(max_examples=30)
+@settings(max_examples=80)
 @given(base=BASES, crowd=CROWDS, steps=PROGRAMS)
 def test_random_programs_play_as_the_specification_says(
-    link: Link, base: int, crowd: list[Step], steps: list[Step]
-) -> None:
-    compare(link, base, [*FILLED, *crowd, *steps])
-
-
-@pytest.mark.slow
-@BOTH_LINKS
-@settings(max_examples=700)
-@given(base=BASES, crowd=CROWDS, steps=PROGRAMS)
-def test_many_random_programs_play_as_the_specification_says(
     link: Link, base: int, crowd: list[Step], steps: list[Step]
 ) -> None:
     compare(link, base, [*FILLED, *crowd, *steps])

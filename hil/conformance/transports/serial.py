@@ -135,9 +135,9 @@ class PortWire:
         end = self.time.monotonic() + seconds
         with translated(f"receiving from {self.name}"):
             while True:
-                data: bytes = self._port.read(max(self._port.in_waiting, 1))
+                data: bytes = self._port.read(1)
                 if data or self.time.monotonic() >= end:
-                    return data
+                    return data + self._port.read(self._port.in_waiting)
 
     def set_dtr(self, on: bool) -> None:
         """Raise or lower DTR of a port that leads to the device by USB; a UART has three wires."""

@@ -10,17 +10,21 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.firmware.core.building import END_SECONDS, REFERENCE, running
+from tests.hil.conformance.test_suite import NAMES, QUICK_ENOUGH
 
 ALLOWED = [word for risk in ("reset", "flash", "drive") for word in ("--allow", risk)]
 SUITE_SECONDS = 1200
-BY_THE_CLOCK = ("pulses", "sorting", "outputs", "timing", "safety", "sequences", "modulation", "serial", "endpoints")
+BY_THE_CLOCK = {
+    "usbip": ("endpoints", "modulation", "outputs", "safety", "sorting"),
+    "serial": ("outputs", "pulses", "sequences", "serial", "timing"),
+}
 """Groups that show the program's doors, its time and its outputs; the whole suite takes half an hour in real time."""
 
 ON_ANY_LINE = (
@@ -50,6 +54,11 @@ def suite(*arguments: str, report: Path, **environment: str) -> subprocess.Popen
     return subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
+def only(groups: Sequence[str]) -> list[str]:
+    """The options that choose groups of cases."""
+    return [word for group in groups for word in ("--only", f"{group}/")]
+
+
 def check(report: Path, said: str) -> set[str]:
     """Nothing has failed; the reasons for which cases could not be judged."""
     found = json.loads(report.read_text())
@@ -61,25 +70,31 @@ def check(report: Path, said: str) -> set[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("url", "door", "speed", "may_be_open"),
+    ("url", "door", "speed", "groups", "may_be_open"),
     [
-        ("reference:", "reference-uart:", "high", ON_ANY_LINE),
-        ("reference:", "reference-uart:", "full", ON_ANY_LINE),
-        ("reference-uart:", "reference:", "high", ON_ANY_LINE + SERIAL),
+        ("reference:", "reference-uart:", "high", NAMES, ON_ANY_LINE),
+        ("reference:", "reference-uart:", "full", QUICK_ENOUGH, ON_ANY_LINE),
+        ("reference-uart:", "reference:", "high", QUICK_ENOUGH, ON_ANY_LINE + SERIAL),
     ],
 )
 def test_the_library_passes(
-    machine: Callable[..., Any], tmp_path: Path, url: str, door: str, speed: str, may_be_open: tuple[str, ...]
+    machine: Callable[..., Any],
+    tmp_path: Path,
+    url: str,
+    door: str,
+    speed: str,
+    groups: Sequence[str],
+    may_be_open: tuple[str, ...],
 ) -> None:
     del machine  # it has built the library
     plugged = ["--device", url, "--door", door, "--capture", "reference:", "--levers", "reference:"]
-    run = suite(*plugged, report=tmp_path / "report.json", PHASEWIRE_REFERENCE_SPEED=speed)
+    run = suite(*plugged, *only(groups), report=tmp_path / "report.json", PHASEWIRE_REFERENCE_SPEED=speed)
     said, _ = run.communicate(timeout=SUITE_SECONDS)
     assert not {reason for reason in check(tmp_path / "report.json", said) if not reason.startswith(may_be_open)}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("door", ["usbip", "serial"])
+@pytest.mark.parametrize("door", BY_THE_CLOCK)
 def test_the_port_for_posix_breaks_nothing_with_a_recording_of_its_outputs(tmp_path: Path, door: str) -> None:
     """By the wall clock, over TCP, with all 320 outputs recorded; the recording ends when all cases have played.
 
@@ -89,8 +104,7 @@ def test_the_port_for_posix_breaks_nothing_with_a_recording_of_its_outputs(tmp_p
     options = ["--usbip", "0"] if door == "usbip" else ["--serial", "tcp:0"]
     with running(*options, "--outputs", str(outputs)) as (device, doors):
         url = f"usbip:127.0.0.1:{doors['usbip']}" if door == "usbip" else doors["serial"][0]
-        only = [word for group in BY_THE_CLOCK for word in ("--only", group)]
-        judge = ["--device", url, "--capture", f"sigrok:{outputs}", *only]
+        judge = ["--device", url, "--capture", f"sigrok:{outputs}", *only(BY_THE_CLOCK[door])]
         said = []
         with suite(*judge, report=tmp_path / "report.json") as run:
             assert run.stdout is not None

@@ -49,18 +49,9 @@ def reference(machine: Callable[..., Any]) -> Bench:
     return Bench(device=machine(SCRAMBLED), slack_periods=SLACK_PERIODS)
 
 
-@settings(max_examples=30, suppress_health_check=FIXTURES)
+@settings(max_examples=100, suppress_health_check=FIXTURES)
 @given(base=BASES, crowd=CROWDS, steps=PROGRAMS)
 def test_random_programs_play_as_the_specification_says(
-    machine: Callable[..., Any], base: int, crowd: list[Step], steps: list[Step]
-) -> None:
-    play(reference(machine), base, [*FILLED, *crowd, *steps])
-
-
-@pytest.mark.slow
-@settings(max_examples=1000, suppress_health_check=FIXTURES)
-@given(base=BASES, crowd=CROWDS, steps=PROGRAMS)
-def test_many_random_programs_play_as_the_specification_says(
     machine: Callable[..., Any], base: int, crowd: list[Step], steps: list[Step]
 ) -> None:
     play(reference(machine), base, [*FILLED, *crowd, *steps])
@@ -119,11 +110,4 @@ def both_play(machine: Callable[..., Any], base: int, steps: Sequence[Step]) -> 
 @settings(max_examples=20, suppress_health_check=FIXTURES)
 @given(base=BASES, steps=PROGRAMS.map(in_time))
 def test_both_devices_do_the_same(machine: Callable[..., Any], base: int, steps: list[Step]) -> None:
-    both_play(machine, base, steps)
-
-
-@pytest.mark.slow
-@settings(max_examples=600, suppress_health_check=FIXTURES)
-@given(base=BASES, steps=PROGRAMS.map(in_time))
-def test_both_devices_do_the_same_in_many_programs(machine: Callable[..., Any], base: int, steps: list[Step]) -> None:
     both_play(machine, base, steps)

@@ -199,11 +199,15 @@ def any_tokens(channel_end: int) -> st.SearchStrategy[tuple[int, list[int]]]:
     return st.builds(together, data, controls)
 
 
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return begun()
+
+
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.integers(1, 12).flatmap(any_tokens), min_size=1, max_size=8))
-def test_any_tokens_are_survived(garbage: list[tuple[int, list[int]]]) -> None:
+@given(garbage=st.lists(st.integers(1, 12).flatmap(any_tokens), min_size=1, max_size=8))
+def test_any_tokens_are_survived(bench: Bench, garbage: list[tuple[int, list[int]]]) -> None:
     """Messages of any length to any channel end are counted once, and what follows them is taken."""
-    bench = BEGUN_FOR_GARBAGE
     before = bench.report()
     wrong = 0
     missed = 0
@@ -220,9 +224,6 @@ def test_any_tokens_are_survived(garbage: list[tuple[int, list[int]]]) -> None:
     assert after.damaged_messages - before.damaged_messages == wrong
     assert after.missed_commits - before.missed_commits == missed
     assert bench.core.trap is None
-
-
-BEGUN_FOR_GARBAGE = begun()
 
 
 def test_control_tokens_amid_a_message_are_damage() -> None:

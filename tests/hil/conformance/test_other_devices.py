@@ -27,6 +27,8 @@ from phasewire.protocol.firmware import Image
 from phasewire.protocol.requests import VALUES, Setup
 from phasewire.protocol.versions import Version
 
+from tests.hil.conformance.test_suite import QUICK_ENOUGH
+
 Device = Callable[[Patch], None]
 
 
@@ -67,13 +69,8 @@ def set_rate(patch: Patch, periods: int) -> None:
     patch.wrap(Dispatch, "__init__", slow)
 
 
-def slower_than_its_links(patch: Patch) -> None:
-    """Its firmware needs longer than the links, and says so (clause BUD-001)."""
-    set_rate(patch, 3)
-
-
 def slow_and_small(patch: Patch) -> None:
-    """Both at once."""
+    """Its firmware needs longer than the links, and says so (clause BUD-001); and the least sizes."""
     set_rate(patch, 3)
     of_the_least_sizes(patch)
 
@@ -132,32 +129,29 @@ def slower_watchdog(patch: Patch) -> None:
 
 
 BY_SIZE = (
-    *("acknowledgements", "blocks", "endpoints", "flow", "long-run", "modulation", "numbering", "outputs", "requests"),
+    *("acknowledgements", "blocks", "endpoints", "flow", "modulation", "numbering", "outputs", "requests"),
     *("robustness", "safety", "sequences", "serial", "states", "stores", "timing"),
     *("combinations", "doors", "successions", "ways-out"),
 )
 BY_RATE = (
-    *("acknowledgements", "blocks", "flow", "long-run", "modulation", "outputs", "requests", "sequences", "timing"),
+    *("acknowledgements", "blocks", "flow", "modulation", "outputs", "requests", "sequences", "timing"),
     *("combinations", "successions", "ways-out"),
 )
 BY_DRIVE = (
-    *("blocks", "endpoints", "limits", "long-run", "power", "pulses", "requests", "safety", "sequences", "stores"),
+    *("blocks", "endpoints", "limits", "power", "pulses", "requests", "safety", "sequences", "stores"),
     *("doors", "timing", "ways-out"),
 )
 BY_MAKE = ("console", "dfu", "endpoints", "enumeration", "flash", "power", "requests", "serial", "versions")
-BY_FEATURES = ()
-"""Groups to which a device's difference matters; all of them if there is none."""
-TWO_WIRES = "emulator:?link=2wire"
-DEVICES: list[tuple[Device, str, tuple[str, ...], dict[str, object]]] = [
-    (of_the_least_sizes, "emulator:", BY_SIZE, {"queue_blocks": 4, "queue_records": 16}),
-    (large, "emulator:", BY_SIZE, {"queue_blocks": 200, "queue_records": 1000}),
-    (slower_than_its_links, TWO_WIRES, BY_RATE, {"periods_per_update": 3, "link_wires": 2}),
-    (slow_and_small, "emulator:", BY_RATE, {"periods_per_update": 3, "queue_blocks": 4}),
-    (weaker, "emulator:", BY_DRIVE, {"drive_limit": 100}),
-    (without_features, "emulator:", BY_FEATURES, {"features": Feature.CONSOLE | Feature.DFU, "slots": 0}),
-    (of_another_make, "emulator:", BY_MAKE, {"firmware": (3, 7, 9)}),
+"""Groups to which a device's difference matters."""
+DEVICES: list[tuple[Device, str, tuple[str, ...]]] = [
+    (of_the_least_sizes, "emulator:", BY_SIZE),
+    (large, "emulator:", BY_SIZE),
+    (slow_and_small, "emulator:?link=2wire", BY_RATE),
+    (weaker, "emulator:", BY_DRIVE),
+    (without_features, "emulator:", QUICK_ENOUGH),
+    (of_another_make, "emulator:", BY_MAKE),
 ]
-"""Devices, by which URL, what to ask of them, and what they say of themselves."""
+"""Devices, by which URL, and what to ask of them."""
 NAMES = [device.__name__.replace("_", "-") for device, *_ in DEVICES]
 
 
@@ -173,7 +167,7 @@ def being(device: Device) -> Iterator[None]:
 
 
 def results(device: Device, url: str, groups: tuple[str, ...]) -> list[Result]:
-    """The results of groups, or of all if none is named, on such a device."""
+    """The results of groups on such a device."""
     with being(device):
         run = run_conformance(RunOptions(url, groups=groups))
     assert not run.trouble
@@ -196,8 +190,8 @@ def test_what_a_device_without_features_refuses_is_judged() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("device", "url", "groups", "_"), DEVICES, ids=NAMES)
-def test_a_conformant_device_breaks_nothing(device: Device, url: str, groups: tuple[str, ...], _: object) -> None:
+@pytest.mark.parametrize(("device", "url", "groups"), DEVICES, ids=NAMES)
+def test_a_conformant_device_breaks_nothing(device: Device, url: str, groups: tuple[str, ...]) -> None:
     assert broken(results(device, url, groups)) == []
 
 

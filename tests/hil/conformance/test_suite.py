@@ -93,8 +93,7 @@ OF_A_UART = {
 
 REASONS = {
     "emulator:": OF_A_BUS | {PARTS},
-    "emulator:?speed=full": OF_A_BUS,
-    "emulator:?link=2wire": OF_A_BUS | {PARTS},
+    "emulator:?speed=full&link=2wire": OF_A_BUS | {PARTS},
     "emulator:?firmware=xs1": OF_A_BUS | {PARTS, unmet(Need.FREE_TIME)},
     "emulator:?door=serial": OF_A_UART
     | {
@@ -128,6 +127,10 @@ def check_no_case_speaks_against(url: str, *groups: str) -> Run:
 NAMES = sorted(path.stem.removeprefix("test_").replace("_", "-") for path in GROUPS.glob("test_*.py"))
 QUICK = ("limits", "numbering", "outputs", "robustness", "sorting", "versions")
 """Groups that `make test` tries too; CI tries all."""
+QUICK_ENOUGH = tuple(name for name in NAMES if name != "long-run")
+"""Groups for devices and lines that differ in what takes no minutes to see."""
+ABOUT_A_LINE = ("acknowledgements", "console", "doors", "flow", "numbering", "outputs", "serial", "timing", "versions")
+"""Groups for a line of the usual rate, by which many others can judge too little."""
 
 
 @pytest.mark.parametrize(
@@ -156,15 +159,21 @@ def test_no_case_of_a_group_speaks_against_executed_firmware(group: str) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("url", [url for url in REASONS if url not in ("emulator:", "emulator:?firmware=xs1")])
-def test_no_case_speaks_against_the_emulator_by_another_line(url: str) -> None:
-    assert check_no_case_speaks_against(url).count(Verdict.PASS) > (1300 if "serial" not in url else 900)
+@pytest.mark.parametrize(
+    ("url", "groups", "passes"),
+    [
+        ("emulator:?speed=full&link=2wire", QUICK_ENOUGH, 1300),
+        ("emulator:?door=serial", ABOUT_A_LINE, 200),
+        ("emulator:?door=serial&baud=3000000", QUICK_ENOUGH, 900),
+    ],
+)
+def test_no_case_speaks_against_the_emulator_by_another_line(url: str, groups: tuple[str, ...], passes: int) -> None:
+    assert check_no_case_speaks_against(url, *groups).count(Verdict.PASS) > passes
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("url", ["emulator:", "emulator:?door=serial&baud=3000000"])
-def test_what_is_not_allowed_or_cannot_be_seen_is_never_passed(entries: list[CatalogueCase], url: str) -> None:
-    run = run_conformance(RunOptions(url, capture="none", allowed=frozenset()))
+def test_what_is_not_allowed_or_cannot_be_seen_is_never_passed(entries: list[CatalogueCase]) -> None:
+    run = run_conformance(RunOptions("emulator:", capture="none", allowed=frozenset()))
     check_sound(run)
     needy = {entry.identifier for entry in entries if entry.about.risks or Need.CAPTURE in entry.about.needs}
     passed = {result.case for result in run.results if result.verdict is Verdict.PASS}
@@ -219,7 +228,7 @@ NO_BREAK = Profile(
 @pytest.mark.slow
 # By pyserial's client of RFC 2217.
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")
-@pytest.mark.parametrize("scheme", ["serial", "socket", "rfc2217", "usbip"])
+@pytest.mark.parametrize("scheme", ["serial", "rfc2217", "usbip"])
 def test_no_case_speaks_against_the_emulator_at_the_end_of_a_line(scheme: str) -> None:
     with served_url(scheme) as (url, _):
         profile = NO_BREAK if scheme == "rfc2217" else Profile()

@@ -131,7 +131,7 @@ def test_what_a_hand_feels_of_each_object_arrives(shape: str) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(meetings())
 def test_what_any_hand_feels_of_any_object_arrives(meeting: tuple[Hand, Mesh]) -> None:
     assume(touch(*meeting))

@@ -7,8 +7,8 @@ from collections import Counter
 import numpy as np
 import pytest
 from phasewire.hil.study.features import FELT
-from phasewire.hil.study.judging import Confusion, chance_at_most, judged
-from phasewire.hil.study.running import PRACTISED, Features, Study, Trial, run_study, run_trial, run_trials, trials_of
+from phasewire.hil.study.judging import chance_at_most
+from phasewire.hil.study.running import PRACTISED, Study, Trial, run_study, run_trial, run_trials, trials_of
 from phasewire.solver.contact.solids import SOLIDS
 
 SHORT = 0.8
@@ -72,13 +72,3 @@ def test_shapes_are_told_apart_by_the_field_and_by_nothing_else(study: Study) ->
     assert study.shuffled.accuracy <= limit
     assert PRACTISED not in study.felt.answers
     assert study.with_cone.answers == (*study.felt.answers, PRACTISED)
-
-
-@pytest.mark.slow
-def test_if_all_objects_are_the_same_they_are_not_told_apart() -> None:
-    trials = [trial._replace(mesh="cube") for trial in trials_of(6, 1)]
-    features: list[Features] = list(run_trials(trials, 0, 2.0, 2))
-    labels, persons = [trial.shape for trial in trials], [trial.person for trial in trials]
-    said = judged(np.stack([each.felt for each in features]), labels, persons)
-    found = Confusion.of(labels, said, persons, tuple(SOLIDS))
-    assert found.accuracy <= chance_at_most(len(trials), len(SOLIDS), 0.999)
