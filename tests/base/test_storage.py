@@ -233,6 +233,7 @@ TROUBLES: dict[str, tuple[Callable[[Path], Any], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trouble", TROUBLES)
 @pytest.mark.parametrize("name", DOORS)
 def test_an_output_that_cannot_be_written_stays_as_it_was(

@@ -30,6 +30,8 @@ from phasewire.protocol.replies import Status
 from tests.cli.runner import Run
 from tests.emulator.usbip_client import Client, client_on, setup
 
+pytestmark = pytest.mark.slow  # each begins processes
+
 LOOPBACK = "127.0.0.1"
 PATIENCE = 20.0  # seconds; the process takes a few to start on a busy machine
 STALLED = -32  # EPIPE

@@ -29,6 +29,8 @@ from phasewire.solver.fields.files import save_solution
 
 from tests.host import upgrades
 
+pytestmark = pytest.mark.slow  # each begins processes
+
 PATIENCE = 120.0
 COMMAND = (sys.executable, "-m", "phasewire")
 MARK = "PHASEWIRE_TEST_MARK"
@@ -195,11 +197,7 @@ def root() -> typer.Context:
     return typer.Context(command_line(), info_name="phasewire")
 
 
-QUICK = ("devices", "info", "play", "show", "solve", "vectors")
-"""Commands that `make test` tries too; CI tries all."""
-
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in ROWS])
+@pytest.mark.parametrize("name", ROWS)
 def test_a_command_prints_its_result_and_leaves_no_file_or_process(name: str, folder: Path) -> None:
     row = ROWS[name]
     before = {path.name for path in folder.iterdir()}
@@ -310,7 +308,6 @@ def test_ctrl_c_before_the_time_is_over_is_code_130(folder: Path) -> None:
     assert not (folder / "streamed.json").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("milliseconds", range(0, 60, 4))
 def test_ctrl_c_at_any_moment_leaves_the_outputs_off(folder: Path, milliseconds: int) -> None:
     """Also while the outputs are being turned off because the time is over."""
@@ -336,7 +333,6 @@ main()
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("line", ["--help", "info", "conformance --only numbering"])
-@pytest.mark.slow
 def test_a_signal_during_loading_ends_the_program_quietly(folder: Path, line: str, number: int) -> None:
     for milliseconds in (0, 20, 50, 100, 200, 400, 800):
         with subprocess.Popen(
@@ -372,7 +368,6 @@ def test_sigterm_leaves_the_outputs_off(folder: Path) -> None:
     assert not (folder / "shown.json").exists()
 
 
-@pytest.mark.slow
 def test_compiling_is_told_once_without_a_terminal_too(folder: Path) -> None:
     for told in (["phasewire compiles its kernels: up to a minute, the first time on a machine"], []):
         ended = run(folder, "record circle --seconds 0.01 --output c.frames", NUMBA_CACHE_DIR=str(folder / "kernels"))

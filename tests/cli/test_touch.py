@@ -22,6 +22,8 @@ from phasewire.view.recordings import open_tape
 from tests.cli.runner import Run
 from tests.host.hands.leap_service import LeapService, leap_frame
 
+pytestmark = pytest.mark.slow  # each plays for a while
+
 
 @pytest.fixture
 def touch(phasewire: Run) -> Run:
@@ -100,7 +102,6 @@ def test_without_a_touch_no_picture_is_drawn(touch: Run) -> None:
 WAYS = ["two-sided", "am", "lm", "stm", "auto", "stm:speed=3,modulation=150"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_each_way_of_rendering_is_played_recorded_and_drawn(touch: Run, way: str) -> None:
     outcome = touch(

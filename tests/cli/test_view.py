@@ -21,6 +21,8 @@ from tests.view.pages import Message, Page, page_of
 
 from .runner import Run
 
+pytestmark = pytest.mark.slow  # each begins processes
+
 PATIENCE = 120.0
 
 
@@ -69,7 +71,6 @@ def test_the_page_of_a_cube_sounds_and_ctrl_c_ends_it(tmp_path: Path) -> None:
     assert told["status"]["state"] == "OFF"
 
 
-@pytest.mark.slow
 def test_a_mesh_file_is_an_object_and_no_other_file_can_be_had(tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     trimesh.creation.box((0.05, 0.06, 0.07)).export(tmp_path / "box.stl")
@@ -80,7 +81,6 @@ def test_a_mesh_file_is_an_object_and_no_other_file_can_be_had(tmp_path: Path) -
         assert "must be one of" in page.notice()
 
 
-@pytest.mark.slow
 def test_a_recording_is_shown_without_a_device(tmp_path: Path) -> None:
     record(tmp_path / "two.frames", [Pulses(np.full(320, 10), np.full(320, width)) for width in (25, 4)], 1.0)
     with viewing("view", "two.frames", "--no-browser", folder=tmp_path) as (_, url), page_of(url) as page:
@@ -100,7 +100,6 @@ def test_a_recording_is_shown_without_a_device(tmp_path: Path) -> None:
     ],
     ids=["touch", "touch in another way", "play", "stream"],
 )
-@pytest.mark.slow
 def test_a_command_is_watched_and_stopped_by_its_page(arguments: tuple[str, ...], code: int) -> None:
     with viewing(*arguments, "--view") as (process, url), page_of(url) as page:
         frame = page.until(sounding)
@@ -122,7 +121,6 @@ def drain(page: Page) -> None:
         page.socket.send("ack")
 
 
-@pytest.mark.slow
 def test_a_page_that_is_closed_stops_the_command_that_it_watched() -> None:
     with viewing("play", "circle", "--forever", "--view") as (process, url):
         with page_of(url) as page:
@@ -131,7 +129,6 @@ def test_a_page_that_is_closed_stops_the_command_that_it_watched() -> None:
         assert (process.returncode, "Traceback" in err) == (4, False), err
 
 
-@pytest.mark.slow
 def test_a_stream_keeps_the_pace_of_the_wall_clock(tmp_path: Path) -> None:
     report = tmp_path / "stream.json"
     command = ("stream", "circle", "--seconds", "2", "--rate", "200", "--view", "--json", str(report))
@@ -151,7 +148,6 @@ def test_a_stream_keeps_the_pace_of_the_wall_clock(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "arguments", [("play", "circle", "--forever"), ("stream", "circle", "--forever")], ids=["play", "stream"]
 )
-@pytest.mark.slow
 def test_a_page_that_is_closed_before_anything_plays_stops_the_command_too(arguments: tuple[str, ...]) -> None:
     with viewing(*arguments, "--view") as (process, url):
         with page_of(url):
@@ -160,7 +156,6 @@ def test_a_page_that_is_closed_before_anything_plays_stops_the_command_too(argum
         assert (process.returncode, "Traceback" in err) == (4, False), err
 
 
-@pytest.mark.slow
 def test_the_demo_shows_its_result_until_the_page_is_closed(tmp_path: Path) -> None:
     with viewing("demo", "--view", folder=tmp_path) as (process, url):
         with page_of(url) as page:

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from platformdirs import user_cache_path
 
+pytestmark = pytest.mark.slow  # pytest runs in pytest
+
 pytest_plugins = ["pytester"]
 ROOT = Path(__file__).parents[2]
 MODULE = "phasewire.hil.pytest_plugin"

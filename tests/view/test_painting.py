@@ -16,6 +16,8 @@ from phasewire.view.painting import IMAGE_QUANTITIES, PLANES, Painted, Painter
 from phasewire.view.settings import Settings
 from phasewire.view.snapshot import Emitter, Snapshot
 
+pytestmark = pytest.mark.slow  # each sums up a whole field literally
+
 Drive = NDArray[np.complex128]
 ARRAY = TransducerArray.grid()
 FOCUS = (0.03, -0.05, 0.18)
@@ -50,7 +52,7 @@ def paint(snapshot: Snapshot, array: TransducerArray = ARRAY, **values: Any) -> 
 @pytest.mark.parametrize("name", PLANES)
 @pytest.mark.parametrize(
     "array",
-    [pytest.param(ARRAY, id="flat"), pytest.param(ARRAY.rotated(7, (1, 0, 0)), marks=pytest.mark.slow, id="tilted")],
+    [pytest.param(ARRAY, id="flat"), pytest.param(ARRAY.rotated(7, (1, 0, 0)), id="tilted")],
 )
 @settings(max_examples=5)
 @given(at=st.floats(0.1, 0.2), seed=st.integers(0, 2**32 - 1))

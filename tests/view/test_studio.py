@@ -25,6 +25,8 @@ from phasewire.view.tap import EXACT, emitter_of
 
 from .pages import PATIENCE, Message, Page, page_of
 
+pytestmark = pytest.mark.slow  # each plays for a while
+
 ARRAY = TransducerArray.grid()
 SECOND = 40_000
 """Carrier periods."""
@@ -172,7 +174,6 @@ def test_a_stop_or_the_end_of_the_last_page_turns_the_outputs_off(how: str) -> N
             assert loudness[sounding_periods[-1]] > 0.8 * loudness[sounding_periods].mean()
 
 
-@pytest.mark.slow
 def test_a_stop_that_is_taken_back_at_once_is_no_refusal(stage: tuple[Session, Page]) -> None:
     _, page = stage
     for _ in range(5):

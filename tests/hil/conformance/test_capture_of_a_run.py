@@ -15,6 +15,8 @@ from phasewire.hil.conformance.plugin import Watcher
 from phasewire.hil.conformance.running import RunOptions, run_conformance
 from phasewire.hil.conformance.sight import sigrok
 
+pytestmark = pytest.mark.slow  # each is a run of the suite
+
 CASES = '''
 from __future__ import annotations
 from phasewire.hil.conformance.bench import Bench

@@ -17,6 +17,8 @@ from phasewire.protocol.codes import REQUEST_TYPE_IN, AckFlag, Reason, Request, 
 from phasewire.protocol.replies import Ack, ClockReading
 from phasewire.protocol.requests import Setup
 
+pytestmark = pytest.mark.slow  # each is a run of the suite
+
 CLOCK = Setup(REQUEST_TYPE_IN, Request.CLOCK, 0, 0, ClockReading.BYTES)
 ACK = Ack(Reason.ACCEPTED, 3, 0, 900, AckFlag(0), 5, State.READY)
 TICK = vars(Dispatch)["now_tick"].fget

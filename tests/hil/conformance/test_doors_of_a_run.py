@@ -7,6 +7,8 @@ from phasewire.emulator import Emulator
 from phasewire.hil.conformance.running import RunOptions, open_bench, run_conformance
 from phasewire.hil.conformance.verdicts import Verdict
 
+pytestmark = pytest.mark.slow  # each is a run of the suite
+
 CASE = "doors/changes-by-this-door-need-enable"
 SERIAL = "?door=serial"
 

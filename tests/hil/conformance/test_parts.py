@@ -15,6 +15,8 @@ from phasewire.hil.conformance.verdicts import Verdict
 
 from tests.hil.conformance.hand_made_runs import CLEAN, MATRIX
 
+pytestmark = pytest.mark.slow  # each is a run of the suite
+
 KINDS = ("blocks/an-unknown-kind-is-refused",)
 
 

@@ -27,6 +27,8 @@ from phasewire.host.transports.opening import SCHEMES
 
 from tests.host.serving import Served
 
+pytestmark = pytest.mark.slow  # each is a run of the suite
+
 GUIDE = Path(__file__).parents[3] / "docs" / "how-to/conformance.md"
 RESET = frozenset({Risk.RESET})
 POWER = ("power/everything-begins-anew-with-a-restart[power]", "power/what-the-device-is-stays-over-a-restart[power]")

@@ -13,6 +13,8 @@ from phasewire.hil.conformance.transports import usb
 from phasewire.hil.conformance.transports.usb import RawUsbLine
 from phasewire.hil.conformance.verdicts import Verdict
 
+pytestmark = pytest.mark.slow  # each is a run of the suite
+
 TIMES = 20
 """How many seconds pass for the host in one of the device, by turns twice as many."""
 

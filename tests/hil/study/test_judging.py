@@ -14,6 +14,8 @@ from phasewire.hil.study.judging import (
 )
 from scipy.stats import binom, norm
 
+pytestmark = pytest.mark.slow  # classifiers learn
+
 SHAPES = ("cone", "cube", "sphere")
 
 

@@ -23,6 +23,8 @@ from phasewire.hil.study.persons import Exploration, Person
 from phasewire.hil.study.trials import explored
 from phasewire.solver.contact.hand import Hand
 
+pytestmark = pytest.mark.slow  # devices, skin and ears of whole trials
+
 ARRAY = TransducerArray.grid()
 STILL = Exploration(Hand.flat((0, 0, 0)), np.array([0, 0, 0.2]), np.zeros(3), np.zeros(5), np.zeros(5), np.zeros(2))
 """A level hand, at rest after it has come down, its palm over the middle of the array."""

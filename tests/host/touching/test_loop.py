@@ -545,6 +545,7 @@ def variants() -> dict[str, int]:
     }
 
 
+@pytest.mark.slow
 @in_each_way
 def test_nothing_is_compiled_while_hands_are_played(render: str) -> None:
     """The outputs would be silent meanwhile: the first time on a machine that takes seconds."""

@@ -13,6 +13,8 @@ from phasewire.base.extras import install_command
 from phasewire.solver import Grid, sample_cut, sample_volume, solve_frames
 from phasewire.solver.accelerated.devices import check_backend, cuda_device, device_for, power_of_two
 
+pytestmark = pytest.mark.slow  # XLA compiles for seconds
+
 SMALL = TransducerArray.grid(4, 3)
 DRIVE = np.exp(1j * np.arange(12))
 POINTS = [Circle(0.01), Circle(0.02)]
