@@ -92,6 +92,10 @@ class Window:
             assert time.monotonic() < end, seen
             time.sleep(0.05)
 
+    def says(self, words: str, part: Any) -> None:
+        """A part of the page comes to hold a text, by a regular expression: it is drawn after the page has it."""
+        self.until(lambda _: re.search(words, part.inner_text()))
+
     def press(self, name: str) -> None:
         """Press a button."""
         self.tab.get_by_role("button", name=name, exact=True).click()
@@ -295,7 +299,7 @@ def test_a_board_with_a_fault_is_named(still: tuple[View, Window]) -> None:
     view.show(Snapshot(np.zeros((1, 320)), boards=("", "", "TEMPERATURE", "", "")))
     window.until(lambda seen: seen["frame"]["boards"][2])
     window.draws_on()
-    assert "board 2: TEMPERATURE" in window.tab.locator("body").inner_text()
+    window.says("board 2: TEMPERATURE", window.tab.locator("body"))
 
 
 # The controls
@@ -424,7 +428,7 @@ def test_lists_and_boxes_set_what_they_say(stage: tuple[Session, Window]) -> Non
     window.until(
         lambda seen: (seen["frame"]["side"] or {}).get("numbers") and seen["frame"]["scale"]["unit"].startswith("W/m²")
     )
-    assert "multiplex" in window.tab.get_by_label("Side by side").inner_text()
+    window.says("multiplex", window.tab.get_by_label("Side by side"))
     for label, name in (("xz plane", "xz"), ("yz plane", "yz")):
         window.check(label)
         window.until(lambda seen, name=name: seen["settings"][name])  # type: ignore[misc]
@@ -483,7 +487,7 @@ def test_a_click_on_a_plane_tells_the_pressure_there(still: tuple[View, Window])
     probe = window.until(lambda seen: seen["frame"]["probe"])["frame"]["probe"]
     np.testing.assert_allclose(probe["at"], focus, atol=0.002)
     assert probe["pascals"][0] == pytest.approx(abs(pressure(ARRAY, drive, [probe["at"]])[0]), rel=1e-3)
-    assert re.search(r"\d+ Pa\s+\d+\.\d dB\s+\d+°", window.tab.locator("#probe").inner_text())
+    window.says(r"\d+ Pa\s+\d+\.\d dB\s+\d+°", window.tab.locator("#probe"))
 
 
 def test_the_past_is_stepped_through_period_by_period(stage: tuple[Session, Window]) -> None:
