@@ -51,7 +51,7 @@ def check(link: Link, base: int, steps: list[Step]) -> None:
 
 
 @BOTH_LINKS
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(base=BASES, steps=PROGRAMS)
 def test_random_programs_play_as_the_specification_says(link: Link, base: int, steps: list[Step]) -> None:
     check(link, base, steps)

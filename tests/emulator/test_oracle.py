@@ -329,7 +329,7 @@ def compare(link: Link, base: int, steps: Sequence[Step]) -> None:
 
 
 @BOTH_LINKS
-@settings(max_examples=80)
+@settings(max_examples=40)
 @given(base=BASES, crowd=CROWDS, steps=PROGRAMS)
 def test_random_programs_play_as_the_specification_says(
     link: Link, base: int, crowd: list[Step], steps: list[Step]
