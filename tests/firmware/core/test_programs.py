@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
-from phasewire.protocol.board import TICKS_PER_PERIOD
+from phasewire.emulator.faults import DeadProcessor
+from phasewire.protocol.board import CYCLES_PER_MS, TICKS_PER_PERIOD
 from phasewire.protocol.codes import Kind
 
 from tests import from_spec as spec
@@ -111,3 +112,19 @@ def both_play(machine: Callable[..., Any], base: int, steps: Sequence[Step]) -> 
 @given(base=BASES, steps=PROGRAMS.map(in_time))
 def test_both_devices_do_the_same(machine: Callable[..., Any], base: int, steps: list[Step]) -> None:
     both_play(machine, base, steps)
+
+
+def test_while_a_device_comes_up_only_what_is_due_is_looked_at(machine: Callable[..., Any]) -> None:
+    """A line that waits for it would otherwise look at each tick, 20 000 in these 10 ms."""
+    device = machine(SCRAMBLED)
+    device.inject(DeadProcessor(processor=4))
+    device.power_down()
+    device.power_up()
+    time = device.scheduler
+    time.run_until(time.now + 20 * CYCLES_PER_MS)
+    assert not device.call("serves")
+    end, looks = time.now + 10 * CYCLES_PER_MS, 0
+    while time.now < end:
+        time.run_until(time.next_time())
+        looks += 1
+    assert looks < 1000
