@@ -137,7 +137,8 @@ class PortWire:
             while True:
                 data: bytes = self._port.read(1)
                 if data or self.time.monotonic() >= end:
-                    return data + self._port.read(self._port.in_waiting)
+                    data += self._port.read(self._port.in_waiting)
+                    return data
 
     def set_dtr(self, on: bool) -> None:
         """Raise or lower DTR of a port that leads to the device by USB; a UART has three wires."""
