@@ -96,13 +96,6 @@ class Upgraded(Device):
         self.send_image(image)
         self.boot()
 
-    def lose_power(self) -> None:
-        """Switch off and on, without a host on the bus."""
-        self.emulator.power_down()
-        self.run_ms(5)
-        self.emulator.power_up()
-        self.emulator.run_until_started()
-
     @property
     def version(self) -> Version:
         """The version of the firmware that runs; it needs no host on the bus."""

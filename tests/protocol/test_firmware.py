@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import zlib
 from dataclasses import replace
 from typing import Any
 
@@ -38,14 +37,6 @@ STRANGER = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 PROGRAM = Segment(Target.ALL_PROCESSORS, bytes([1, 2, 3, 4, 5]))
 CONTROLLER = Segment(Target.CONTROLLER, bytes([0xAA, 0xBB, 0xCC, 0xDD]))
 IMAGE_123 = Image(Version(1, 2, 3), (PROGRAM, CONTROLLER))
-TABLE_AT, ENTRY_BYTES = 32, 48
-
-
-def seal(data: bytes | bytearray) -> bytes:
-    """Put the right checksum into a changed header."""
-    end = TABLE_AT + ENTRY_BYTES * data[5]
-    checksum = zlib.crc32(bytes(data[:28] + data[TABLE_AT:end]))
-    return bytes(data[:28]) + checksum.to_bytes(4, "little") + bytes(data[32:])
 
 
 def reason(data: bytes) -> ImageReason:

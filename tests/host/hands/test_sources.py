@@ -9,7 +9,7 @@ from threading import Thread
 import pytest
 from phasewire.base import plugins
 from phasewire.base.errors import TrackerNotFoundError
-from phasewire.host.hands import HandFrame, HandSource, open_hands
+from phasewire.host.hands import HandFrame, open_hands
 from phasewire.host.hands.sources import MOST_WAITING, LiveHands, PlayedHands, read_options
 
 from tests.host.hands.clocks import Clock
@@ -29,13 +29,6 @@ def three() -> Iterator[HandFrame]:
 def test_the_mouse_belongs_to_the_page() -> None:
     with pytest.raises(TrackerNotFoundError, match="mouse: is the hand of the page"):
         open_hands("mouse:")
-
-
-class Theirs:
-    form, help = "theirs:WHERE", "Hands from elsewhere."
-
-    def open(self, rest: str, clock: Clock) -> HandSource:
-        return PlayedHands(rest, three(), 2, clock)
 
 
 def test_what_another_package_cannot_load_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
