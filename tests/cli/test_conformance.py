@@ -25,6 +25,8 @@ from phasewire.hil.conformance.verdicts import Run, Verdict
 from tests.cli.runner import Run as Phasewire
 from tests.hil.conformance.hand_made_runs import CLEAN, EVERY
 
+pytestmark = pytest.mark.slow  # each is a run of the suite
+
 
 @pytest.fixture
 def phasewire(phasewire: Phasewire) -> Phasewire:
@@ -161,7 +163,6 @@ def test_an_interrupted_run_writes_all_its_reports(phasewire: Phasewire, suite: 
 @pytest.mark.parametrize(
     "place", ["hil.conformance.bench.Bench.leave_off", "cli.conformance.page", "cli.conformance.junit"]
 )
-@pytest.mark.slow
 def test_a_signal_after_all_is_judged_waits_for_the_reports(
     phasewire: Phasewire, monkeypatch: pytest.MonkeyPatch, place: str, number: int, code: int
 ) -> None:

@@ -25,6 +25,8 @@ from phasewire.hil.conformance.running import RunOptions, catalogue, run_conform
 from phasewire.hil.conformance.verdicts import Evidence
 from phasewire.protocol.codes import State
 
+pytestmark = pytest.mark.slow  # each is a run of the suite
+
 HEAD = """
 from __future__ import annotations
 import pytest
@@ -239,7 +241,6 @@ def test_known_failures_do_not_break_a_run_but_their_passes_and_unknown_ones_do(
     assert not unknown.passed
 
 
-@pytest.mark.slow
 def test_a_known_failure_without_parameter_stands_for_all_parts(groups: Path) -> None:
     run = run_group(
         groups,
@@ -362,7 +363,6 @@ def test_without_sight_answers_are_judged_and_outputs_are_not(groups: Path) -> N
     assert outputs == {(Verdict.INCONCLUSIVE, NOT_SEEN)}
 
 
-@pytest.mark.slow
 def test_the_part_at_the_outputs_is_called_by_its_name(groups: Path) -> None:
     write(groups, "half", HALF_SEEN)
     assert [entry.identifier for entry in catalogue()][:2] == ["half/it[sound]", "half/it#outputs[sound]"]
@@ -390,7 +390,6 @@ def test_the_part_at_the_outputs_is_called_by_its_name(groups: Path) -> None:
         ("import wheels\n", "wheels"),
     ],
 )
-@pytest.mark.slow
 def test_a_case_without_a_clause_or_a_sentence_cannot_be_collected(groups: Path, cases: str, what: str) -> None:
     write(groups, "bad", cases)
     with pytest.raises(RuntimeError, match=what):

@@ -22,6 +22,8 @@ from phasewire.solver.shapes.points import check_reachable
 
 from tests.strategies import arrays_and_points
 
+pytestmark = pytest.mark.slow  # blocks of every model and method against the small kernels
+
 FEW = settings(max_examples=15)
 BIG = TransducerArray.grid(128, 128)
 
@@ -153,7 +155,6 @@ def test_many_pairs_are_checked_and_modelled_in_parts() -> None:
             check_reachable(wide, ControlPoints([*points.positions[:3], [0, 0, 5]]))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["tikhonov", "wgs"])
 @pytest.mark.parametrize("shape", [(64, 64, 256), (40, 40, 512)], ids=str)
 def test_big_problems_are_solved_as_well_as_in_double_precision(shape: tuple[int, int, int], method: str) -> None:
@@ -168,7 +169,6 @@ def test_big_problems_are_solved_as_well_as_in_double_precision(shape: tuple[int
     assert single.mean() == pytest.approx(double.mean(), rel=0.02)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("height", [0.2, 1.5], ids=["usual", "looked at more closely"])
 def test_the_largest_problem_is_solved_in_the_memory_that_is_stated(height: float) -> None:
     """16 384 transducers and 1024 points, of which the distant ones are checked one by one."""
