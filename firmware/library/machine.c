@@ -169,10 +169,15 @@ static void leave(struct machine *self, enum pw_leave how)
     start(self, how);
 }
 
+/* Whether it answers a host. If it does not yet, what makes it ready is due by itself. */
+static bool is_ready(const struct machine *self)
+{
+    return self->life.in_dfu || pw_device_serving(&self->life.device);
+}
+
 static void come_back(struct machine *self)
 {
-    if (self->away && self->plugged && self->tick >= self->back_at
-        && (self->life.in_dfu || pw_device_serving(&self->life.device))) {
+    if (self->away && self->plugged && self->tick >= self->back_at && is_ready(self)) {
         self->away = false;
         self->generation++;
         pw_life_attach(&self->life, self->high_speed);
@@ -226,12 +231,6 @@ static bool is_idle(const struct machine *self)
         && idle_is(&self->life.device, &self->boards);
 }
 
-/* Whether it comes back to the bus with what lets it serve, which is due by itself. */
-static bool awaits_service(const struct machine *self)
-{
-    return !self->life.in_dfu && !pw_device_serving(&self->life.device) && self->back_at <= self->tick;
-}
-
 /* What happens next, but for the periods of the processors. */
 static uint64_t next_due(const struct machine *self)
 {
@@ -239,7 +238,7 @@ static uint64_t next_due(const struct machine *self)
         return self->power_at;
     }
     uint64_t due = self->life.in_dfu ? pw_dfu_due(&self->life.dfu) : pw_device_due(&self->life.device);
-    if (self->away && self->plugged && !awaits_service(self)) {
+    if (self->away && self->plugged && (self->tick < self->back_at || is_ready(self))) {
         due = earlier(due, self->back_at > self->tick ? self->back_at : self->tick + 1u);
     }
     if (self->memory.flash.busy) {

@@ -93,7 +93,7 @@ class Window:
             time.sleep(0.05)
 
     def says(self, words: str, part: Any) -> None:
-        """A part of the page comes to hold a text, by a regular expression: it is drawn after the page has it."""
+        """Wait until a part of the page shows a text, a regular expression. The page draws a moment after it has it."""
         self.until(lambda _: re.search(words, part.inner_text()))
 
     def press(self, name: str) -> None:

@@ -135,9 +135,8 @@ class PortWire:
         end = self.time.monotonic() + seconds
         with translated(f"receiving from {self.name}"):
             while True:
-                data: bytes = self._port.read(1)
+                data: bytes = self._port.read(max(self._port.in_waiting, 1))
                 if data or self.time.monotonic() >= end:
-                    data += self._port.read(self._port.in_waiting)
                     return data
 
     def set_dtr(self, on: bool) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from tests.firmware.core.building import END_SECONDS, REFERENCE, running
-from tests.hil.conformance.test_suite import NAMES, QUICK_ENOUGH
+from tests.hil.conformance.test_suite import ALL_BUT_LONG, NAMES
 
 ALLOWED = [word for risk in ("reset", "flash", "drive") for word in ("--allow", risk)]
 SUITE_SECONDS = 1200
@@ -73,8 +73,8 @@ def check(report: Path, said: str) -> set[str]:
     ("url", "door", "speed", "groups", "may_be_open"),
     [
         ("reference:", "reference-uart:", "high", NAMES, ON_ANY_LINE),
-        ("reference:", "reference-uart:", "full", QUICK_ENOUGH, ON_ANY_LINE),
-        ("reference-uart:", "reference:", "high", QUICK_ENOUGH, ON_ANY_LINE + SERIAL),
+        ("reference:", "reference-uart:", "full", ALL_BUT_LONG, ON_ANY_LINE),
+        ("reference-uart:", "reference:", "high", ALL_BUT_LONG, ON_ANY_LINE + SERIAL),
     ],
 )
 def test_the_library_passes(

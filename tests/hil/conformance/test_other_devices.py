@@ -27,7 +27,7 @@ from phasewire.protocol.firmware import Image
 from phasewire.protocol.requests import VALUES, Setup
 from phasewire.protocol.versions import Version
 
-from tests.hil.conformance.test_suite import QUICK_ENOUGH
+from tests.hil.conformance.test_suite import ALL_BUT_LONG
 
 Device = Callable[[Patch], None]
 
@@ -148,7 +148,7 @@ DEVICES: list[tuple[Device, str, tuple[str, ...]]] = [
     (large, "emulator:", BY_SIZE),
     (slow_and_small, "emulator:?link=2wire", BY_RATE),
     (weaker, "emulator:", BY_DRIVE),
-    (without_features, "emulator:", QUICK_ENOUGH),
+    (without_features, "emulator:", ALL_BUT_LONG),
     (of_another_make, "emulator:", BY_MAKE),
 ]
 """Devices, by which URL, and what to ask of them."""

@@ -127,8 +127,8 @@ def check_no_case_speaks_against(url: str, *groups: str) -> Run:
 NAMES = sorted(path.stem.removeprefix("test_").replace("_", "-") for path in GROUPS.glob("test_*.py"))
 QUICK = ("limits", "numbering", "outputs", "robustness", "sorting", "versions")
 """Groups that `make test` tries too; CI tries all."""
-QUICK_ENOUGH = tuple(name for name in NAMES if name != "long-run")
-"""Groups for devices and lines that differ in what takes no minutes to see."""
+ALL_BUT_LONG = tuple(name for name in NAMES if name != "long-run")
+"""All groups but that of long runs, which one run on each device is enough for."""
 ABOUT_A_LINE = ("acknowledgements", "console", "doors", "flow", "numbering", "outputs", "serial", "timing", "versions")
 """Groups for a line of the usual rate, by which many others can judge too little."""
 
@@ -162,9 +162,9 @@ def test_no_case_of_a_group_speaks_against_executed_firmware(group: str) -> None
 @pytest.mark.parametrize(
     ("url", "groups", "passes"),
     [
-        ("emulator:?speed=full&link=2wire", QUICK_ENOUGH, 1300),
+        ("emulator:?speed=full&link=2wire", ALL_BUT_LONG, 1300),
         ("emulator:?door=serial", ABOUT_A_LINE, 200),
-        ("emulator:?door=serial&baud=3000000", QUICK_ENOUGH, 900),
+        ("emulator:?door=serial&baud=3000000", ALL_BUT_LONG, 900),
     ],
 )
 def test_no_case_speaks_against_the_emulator_by_another_line(url: str, groups: tuple[str, ...], passes: int) -> None:

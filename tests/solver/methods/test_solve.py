@@ -359,11 +359,14 @@ def test_an_array_is_forgotten_with_its_last_reference() -> None:
 
 
 SAME_BITS = """
-import hashlib
-from phasewire import Solver, TransducerArray, pressure
-from phasewire.solver import Rings
+import hashlib, numpy as np
+from phasewire import Solver, TransducerArray, pressure, two_sided
+from phasewire.solver import Rings, solve_frames
 array, points = TransducerArray.grid(), Rings().sample()
-drives = [Solver(array, method).solve(points).drive for method in ("tikhonov", "wgs")]
+many = np.random.default_rng(33).uniform([-0.05, -0.05, 0.12], [0.05, 0.05, 0.22], (33, 3))
+drives = [Solver(array, method).solve(points).drive for method in ("tikhonov", "wgs", "polish", "multiplex")]
+drives += [Solver(array).solve(many).drive, two_sided(array, many).drives]
+drives.append(solve_frames(array, [points])[0])
 drives.append(pressure(array, drives[0], points.positions, precision="single"))
 print([hashlib.sha256(drive.tobytes()).hexdigest() for drive in drives])
 """
